@@ -1,4 +1,4 @@
-"""Write the measurements of docs/friction.md: what friction with a state costs, and how exactly methods follow it.
+"""Write the measurements of docs/friction.md: costs of friction with an internal state, and errors of methods.
 
     python -m benchmarks.friction [--rounds ROUNDS] [--print]
 

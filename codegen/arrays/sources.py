@@ -44,7 +44,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "name": model.name,
         "version": __version__,
         "coordinates": model.coordinates,
-        "memory": model.internal_states,
+        "internal_states": model.internal_states,
         "inputs": drive_inputs(model),
         "links": model.links,
         "frames": model.frames,

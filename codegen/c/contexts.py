@@ -69,7 +69,7 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
-        "memory": model.internal_states,
+        "internal_states": model.internal_states,
         "inputs": meta.get("inputs", {}),
         "links": model.links,
         "frames": model.frames,

@@ -91,7 +91,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "dtype": meta["dtype"],
         "real": scalar.name,
         "n": n,
-        "memory": len(meta.get("internal_states", ())),
+        "internal_states": len(meta.get("internal_states", ())),
         "hoisted": max(meta["hoisted"], 1),
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
@@ -107,7 +107,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
 def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type.
 
-    ``first``: the place of a table's first name in arrays; states of laws stand behind coordinates.
+    ``first``: the place of a table's first name in arrays; internal states stand behind coordinates.
     """
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}

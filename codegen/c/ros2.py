@@ -44,7 +44,7 @@ def ros2_files(meta: Mapping[str, Any]) -> dict[str, str]:
         "space": safe(name),
         "version": __version__,
         "three_numbers": ".".join(numbers),
-        "memory": len(meta.get("internal_states", ())),
+        "internal_states": len(meta.get("internal_states", ())),
         "inputs": meta.get("inputs", {}),
     }
     return {file: environment().get_template(f"ros2/{text}").render(context) for file, text in TEMPLATES.items()}

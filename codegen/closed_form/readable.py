@@ -88,7 +88,7 @@ class ReadableClosedForm:
     mass_matrix: {(s, v): entry}, s <= v; christoffel: {(s, v, w): entry}, v <= w; by index, zeros left out.
     force: Q_P + Q_G of every coordinate, the drive where there is one, and J^T lambda of what closes the robot.
     constraint: of loops and rigid couplings.  rank: of it at the description's home, if that closes.
-    rates: of states of laws, in the order of ``form.z``.
+    rates: of internal states, in the order of ``form.z``.
     """
 
     model: Model
@@ -133,7 +133,7 @@ class ReadableClosedForm:
         lines += ["", "equations of motion, eq. (10)"]
         lines += [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
         if self.rates:
-            lines += ["", "rates of states of laws"]
+            lines += ["", "rates of internal states"]
             lines += [f"  d/dt {z} = {rate}" for z, rate in zip(self.form.z, self.rates, strict=True)]
         return lines
 
@@ -148,7 +148,7 @@ class ReadableClosedForm:
         return "\n".join(text)
 
     def equations(self, **printing: Any) -> list[list[tuple[str, str]]]:
-        """Return sides of all equations in LaTeX: coefficients, the constraint if there is one, motion, states of laws.
+        """Return sides of all equations in LaTeX: coefficients, any constraint, motion, internal states.
 
         Args:
             **printing: further settings of SymPy's printer.
@@ -333,7 +333,7 @@ def _inputs(model: Model, form: ClosedForm) -> Iterator[Letter]:
 
 
 def _states(model: Model, form: ClosedForm) -> Iterator[Letter]:
-    """Yield a letter for every state of a law: z with the coordinate above and the joint's number below."""
+    """Yield a letter for every internal state: z with the coordinate above and the joint's number below."""
     joints = {body.joint for body in model.bodies}
     for symbol, state in zip(form.z, model.states, strict=True):
         if split_component(state.owner)[0] in joints:

@@ -62,7 +62,7 @@ class ClosedForm:
 
     q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m, or inputs of drives with
         states, whose forces are in Q), n each.
-    z, rates: symbols of states of laws, and their rates by v and z.
+    z, rates: symbols of internal states, and their rates by v and z.
     wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base frame, about its centre of mass; or ().
     parameters: symbols that stand for numbers of the description, by name.
     mass_matrix: (n, n), eq. (11) and armatures on the diagonal.
@@ -179,7 +179,7 @@ def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -
     """Derive the closed form of a robot whose links bend, in the coordinates that follow no others."""
     refuse_springs(model)
     if model.constraints or model.internal_states or model.drives:
-        what = "loops and couplings" if model.constraints else "laws with states, nor servo drives"
+        what = "loops and couplings" if model.constraints else "laws with internal states, nor servo drives"
         raise InputError(f"{model.name}: the closed form of links that bend knows no {what}; leave them out")
     whole = model.tree
     bound = bind(whole, binder, _sincos)
@@ -261,7 +261,7 @@ def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
 
 
 def state_symbols(model: Model) -> Row:
-    """Return a symbol for every state of a law: z_gamma_1 of the friction of gamma_1, z_loop1_x of a loop joint's."""
+    """Return a symbol for every internal state: z_gamma_1 of the friction of gamma_1, z_loop1_x of a loop joint's."""
     number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
     alike, names = Counter((state.owner, state.state.name) for state in model.states), list[str]()
     for state in model.states:
@@ -348,7 +348,7 @@ def _elastic_and_weight(
 ) -> tuple[list[Expr], Row]:
     """Compute Q_P of eq. (13), and Q_G: eq. (14) with weights; the last column of H is (m r_C, m).
 
-    Also the rates of states of laws, which stand behind the rates in v: what resists them is minus their inertia times
+    Also the rates of internal states, which stand behind the rates in v: what resists them is minus their inertia times
     their rate.
     """
     Q = [sp.S.Zero] * len(v)
@@ -407,7 +407,7 @@ def _potential(
     elements: Sequence[ForceElement],
     v: Row,
 ) -> Expr:
-    """Compute energies of springs, of states of laws, and of weights with respect to the base's origin."""
+    """Compute energies of springs, of internal states, and of weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(exact(energy) for element in elements for energy in element.energies())
     springs += sum(exact(energy) for element in elements for energy in element.state_energies(v))

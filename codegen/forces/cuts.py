@@ -23,7 +23,7 @@ from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .elastic_coordinates import CoupledCoordinates, ElasticCoordinate, ElasticCoordinates
 from .element import Kernels
-from .memory.formulas import StateLaw, state_laws
+from .internal_states.formulas import StateLaw, state_laws
 from .relative_placement import coordinates_of
 from .scalar_functions import Functions
 
@@ -46,8 +46,8 @@ class ElasticLoopCoordinates(ElasticCoordinates):
         for coupling in at.bound.couplings:
             if coupling.law is not None:
                 members.append(ElasticCoordinate(coupling.residual(at.q), dict(coupling.jacobian_row), coupling.law))
-        laws = zip(members, self._described(), self._remembered(members), strict=True)
-        return [replace(coordinate, described=k, remembers=states) for coordinate, k, states in laws]
+        laws = zip(members, self._described(), self._state_laws(members), strict=True)
+        return [replace(coordinate, described=k, state_laws=states) for coordinate, k, states in laws]
 
     @classmethod
     def has(cls, family: str, owner: str) -> bool:
@@ -72,8 +72,8 @@ class ElasticLoopCoordinates(ElasticCoordinates):
             k = self.at.model.parameters.get(parameter_name(*path, "stiffness"), 0.0)
             yield stiffness_of({"stiffness": k, **coordinate.law()}, tuple(x for x, _ in coordinate.curve or ()))
 
-    def _remembered(self, members: Sequence[ElasticCoordinate]) -> Iterator[tuple[StateLaw, ...]]:
-        """Yield the laws with states of each."""
+    def _state_laws(self, members: Sequence[ElasticCoordinate]) -> Iterator[tuple[StateLaw, ...]]:
+        """Yield the laws with internal states of each."""
         model, bound = self.at.model, self.at.bound
         for coordinate, (owner, name, _) in zip(members, model.cut_laws, strict=True):
             prefix = parameter_name(*(("loops", owner, name) if name else ("couplings", owner)))

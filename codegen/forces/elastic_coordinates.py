@@ -21,10 +21,10 @@ from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, along, is_zero
 from .element import ForceElement, ImplicitShare, Slopes, SparseRow, StateSite
+from .internal_states.formula import StateEffect
+from .internal_states.formulas import StateLaw
 from .joint_stiffness import CoordinateMatrix, StiffnessMatrix, combined
 from .laws import Effect, bearing_load, effect, without_friction
-from .memory.formula import StateEffect
-from .memory.formulas import StateLaw
 from .relative_placement import cosine_of
 from .scalar_functions import Functions
 
@@ -37,7 +37,7 @@ class ElasticCoordinate:
     pair: the frames that it is of, with its direction there; None of a coupling's.  name: below its element's.
     carriers: coordinates of the same cut joint that press on it, where its friction depends on that.
     turn: sine and cosine of an angle, offset included.
-    remembers: its laws with states.
+    state_laws: its laws with internal states.
     """
 
     s: Scalar
@@ -49,7 +49,7 @@ class ElasticCoordinate:
     name: str = ""
     carriers: tuple[ElasticCoordinate, ...] = ()
     turn: tuple[Scalar, Scalar] | None = None
-    remembers: tuple[StateLaw, ...] = ()
+    state_laws: tuple[StateLaw, ...] = ()
 
     @property
     def has_force(self) -> bool:
@@ -68,9 +68,11 @@ class ElasticCoordinate:
         load = bearing_load([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
         return linear + effect(self.law.numbers, self.law.knots, s, rate, f, load)
 
-    def remembered(self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0) -> Iterator[tuple[StateLaw, StateEffect]]:
-        """Yield its laws with states and what they do, arguments as of ``resists``."""
-        for law in self.remembers:
+    def state_effects(
+        self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0
+    ) -> Iterator[tuple[StateLaw, StateEffect]]:
+        """Yield its laws with internal states and what they do, arguments as of ``resists``."""
+        for law in self.state_laws:
             yield law, law.effect(*self._after(v, dt), v, f)
 
     def moved_by(self) -> list[int]:
@@ -209,14 +211,14 @@ class ElasticCoordinates(ForceElement):
         """Give coordinates with resisting forces; one may have several."""
         for coordinate in self.members:
             yield coordinate, coordinate.resists(v, self.at.functions).force
-            yield from ((coordinate, law.force) for _, law in coordinate.remembered(v, self.at.functions))
+            yield from ((coordinate, law.force) for _, law in coordinate.state_effects(v, self.at.functions))
         for coupled in self.coupled:
             yield from coupled.forces(v)
 
     def force_on(self, coordinate: ElasticCoordinate, v: Sequence[Scalar]) -> Scalar:
         """Return the whole force on one of the coordinates."""
         force = coordinate.resists(v, self.at.functions).force
-        for _, law in coordinate.remembered(v, self.at.functions):
+        for _, law in coordinate.state_effects(v, self.at.functions):
             force = force + law.force
         for coupled in self.coupled:
             for other, more in coupled.forces(v):
@@ -228,14 +230,14 @@ class ElasticCoordinates(ForceElement):
         for coordinate, force in self.forces(v):
             yield from ((i, force * arm) for i, arm in coordinate.jacobian_row.items())
         for coordinate in self.members:
-            for at, law in coordinate.remembered(v, self.at.functions):
+            for at, law in coordinate.state_effects(v, self.at.functions):
                 yield from law.state_rows(at.states)
 
     def energies(self) -> Iterator[Scalar]:
         """Give energies of the deviations."""
         still, f = self.at.still, self.at.functions
         yield from (coordinate.resists(still, f).energy for coordinate in self.members)
-        yield from (law.energy for coordinate in self.members for _, law in coordinate.remembered(still, f))
+        yield from (law.energy for coordinate in self.members for _, law in coordinate.state_effects(still, f))
         yield from (coupled.energy() for coupled in self.coupled)
 
     def wrenches(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Wrench]]:
@@ -251,16 +253,16 @@ class ElasticCoordinates(ForceElement):
                 slopes.differentiate(
                     {i: force * arm for i, arm in coordinate.jacobian_row.items()}, coordinate.moved_by()
                 )
-            for at, law in coordinate.remembered(slopes.v, self.at.functions):
+            for at, law in coordinate.state_effects(slopes.v, self.at.functions):
                 rows = {i: law.force * arm for i, arm in coordinate.jacobian_row.items()}
                 slopes.differentiate(rows | dict(law.state_rows(at.states)), [*coordinate.jacobian_row, *at.states])
         for coupled in self.coupled:
             slopes.differentiate(coupled.rows(slopes.v), coupled.moved_by())
 
     def advance(self, share: ImplicitShare) -> None:
-        """Push forces of laws with states, and what drives these."""
+        """Push forces of laws with internal states, and what drives these."""
         for coordinate in self.members:
-            for at, law in coordinate.remembered(share.v, self.at.functions, share.ahead):
+            for at, law in coordinate.state_effects(share.v, self.at.functions, share.ahead):
                 for i, arm in coordinate.jacobian_row.items():
                     share.push(i, law.force * arm)
                 for k, force in law.state_rows(at.states):
@@ -272,8 +274,8 @@ class ElasticCoordinates(ForceElement):
             if coordinate.has_force:
                 law = coordinate.resists(share.v, self.at.functions, share.ahead)
                 share.along(coordinate.jacobian_row, law, turns=self.TURNS)
-            for at, remembered in coordinate.remembered(share.v, self.at.functions, share.ahead):
-                share.in_memory(StateSite(coordinate.jacobian_row, at.states), remembered.slopes)
+            for at, stateful in coordinate.state_effects(share.v, self.at.functions, share.ahead):
+                share.in_internal_states(StateSite(coordinate.jacobian_row, at.states), stateful.slopes)
         for coupled in self.coupled:
             coupled.add_to(share, self.at.functions, turns=self.TURNS)
 

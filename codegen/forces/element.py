@@ -114,7 +114,7 @@ class StateSlopes:
 
 @dataclass(frozen=True)
 class StateSite:
-    """Place at which a law with states acts: a row, which may be that of one coordinate or of a motor's transmission.
+    """Place at which a law with internal states acts: a row, of one coordinate or a motor's transmission too.
 
     states: their indices.
     """
@@ -160,9 +160,9 @@ class ImplicitShare(ABC):
         """Add slopes of a law on coordinate i; none where its tangent falls."""
 
     @abstractmethod
-    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
-        """Add slopes of a law with states: all of them, or those of the states' rates alone where the force would fall
-        with the deviation's rate.
+    def in_internal_states(self, site: StateSite, law: StateSlopes) -> None:
+        """Add slopes of a law with internal states: all of them, or those of the states' rates alone where the force
+        would fall with the deviation's rate.
         """
 
     @abstractmethod
@@ -252,7 +252,7 @@ class ForceElement(ABC):
         yield from ()
 
     def state_energies(self, v: Sequence[Scalar]) -> Iterator[Scalar]:
-        """Give energies, J, that states of laws store, which are among the velocities."""
+        """Give energies, J, that internal states store, which are among the velocities."""
         yield from ()
 
     def deflections(self, v: Sequence[Scalar]) -> Iterator[Deflection]:

@@ -9,17 +9,17 @@ from .coordinates import CoordinateLaws, ModalCouplings
 from .cut_journals import LoopBearingContacts
 from .cuts import ElasticLoopCoordinates
 from .element import ForceElement
+from .internal_states.coordinate_laws import InternalStateLaws
+from .internal_states.drives import Drives
 from .joint_damping import JointDampers
 from .joint_stiffness import JointStiffnesses
 from .journals import BearingContacts
-from .memory.coordinate_memory import MemoryLaws
-from .memory.drives import Drives
 from .springs import PointSprings
 from .transmissions import Transmissions
 
 ELEMENTS: Sequence[type[ForceElement]] = (
     CoordinateLaws,
-    MemoryLaws,
+    InternalStateLaws,
     Drives,
     Transmissions,
     PointSprings,

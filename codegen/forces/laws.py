@@ -90,7 +90,7 @@ def effect(
 ) -> Effect:
     """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
     names = {law.name for law in active_laws(numbers)}
-    names -= {law for law, _ in states_of(numbers)}  # which ``memory`` has
+    names -= {law for law, _ in states_of(numbers)}  # which ``internal_states`` has
     acting = names.difference(without, *(LAWS[name].absorbs for name in names))
     x, total = Deflection(numbers, knots, s, v, f, load), Effect()
     for group in GROUPS:

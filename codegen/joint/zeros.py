@@ -22,7 +22,7 @@ from .facts import facts_of
 Mask = NDArray[np.bool_]
 
 ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
-STATE = "state of a law: its inertia stands on the diagonal of M alone"
+STATE = "internal state: its inertia stands on the diagonal of M alone"
 TREE = "not in one chain: no body is moved by all of the coordinates"
 LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
 SHARPER = "sharper lemma: nothing at or after a joint turns its translations"

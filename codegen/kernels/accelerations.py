@@ -114,7 +114,7 @@ class _Step(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.armature[i] = self.armature[i] + self._ahead(law)
 
-    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+    def in_internal_states(self, site: StateSite, law: StateSlopes) -> None:
         whole, f = share(law, self.dt, self.square), self.functions
         slope = f.max(whole, 0.0)
         if site.motor is not None:

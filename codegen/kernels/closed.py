@@ -48,7 +48,7 @@ def eliminated(
     Where joints follow joints it is no tree, and the leading coordinates' matrix is factored.
 
     Args:
-        slopes: of the transmissions and of laws with states in an implicit step.
+        slopes: of the transmissions and of laws with internal states in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
         beside: slopes that couple coordinates of one joint or modes of one link beside the diagonal, see
             ``Elimination``.

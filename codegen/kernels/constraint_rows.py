@@ -187,7 +187,7 @@ def _closed_jacobian(
     """
     jacobian, q = _Jacobian(d, residuals), np.array(begin)
     values = finish(d.graph, "gaps", vector([residual.value for residual in residuals]))
-    moves = [i not in d.model.prescribed and i < len(d.model.coordinates) for i in d.active]  # states of laws do not
+    moves = [i not in d.model.prescribed and i < len(d.model.coordinates) for i in d.active]  # internal states do not
     places = [place for place, moved in enumerate(moves) if moved]
     moving = [d.active[place] for place in places]
     closest, last = None, np.inf

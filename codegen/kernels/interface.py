@@ -8,9 +8,9 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of, parameter_path
+from eomgen.robot.internal_states.drives import input_of
 from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
-from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import conditions, element_places, leasts, matrices
 from eomgen.robot.value import MOTOR, Coupling, Loop

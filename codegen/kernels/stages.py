@@ -96,7 +96,7 @@ class _Stage(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.diagonal[i] = self.diagonal[i] + self._rising(law)
 
-    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+    def in_internal_states(self, site: StateSite, law: StateSlopes) -> None:
         if site.coordinate is not None:
             self.laws.append((site.coordinate, site, law))
         elif site.motor is not None:
@@ -113,8 +113,8 @@ class _Stage(ImplicitShare):
             self.armature[i] = self.armature[i] + self._settle_states(site, law)
 
     def _settle_states(self, site: StateSite, law: StateSlopes) -> Scalar:
-        """Add a law with states along a row, c (f_v r + f_z r_z) + c f_s (c r + s) and -w times the same of g; return
-        its share in the matrix once the states are eliminated.
+        """Add a law with internal states along a row, c (f_v r + f_z r_z) + c f_s (c r + s) and -w times the same of g;
+        return its share in the matrix once the states are eliminated.
         """
         row, states = site.row, site.states
         acts, at_i, at = self._acts(law), along(row, self.rates), [self.rates[k] for k in states]

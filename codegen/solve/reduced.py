@@ -22,7 +22,7 @@ class ReducedTree(Tree):
     def __init__(
         self, states: States, rotors: Rotors, followers: Followers, factors: Factors, right: Sequence[Scalar]
     ) -> None:
-        """Solve for the accelerations, and put those of motors and states of laws in.
+        """Solve for the accelerations, and put those of motors and internal states in.
 
         Args:
             factors: of the matrix; of followers, motors and states their rows are those of the unit matrix.

@@ -71,10 +71,10 @@ class FactorisedTree(Tree):
 
 
 class EliminatedTree(Tree):
-    """A tree whose joints are eliminated one after the other, its motors before them, and states of laws first."""
+    """A tree whose joints are eliminated one after the other, its motors before them, and internal states first."""
 
     def __init__(self, states: States, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
-        """Keep the elimination; ``free``: its accelerations, those of motors and states of laws included."""
+        """Keep the elimination; ``free``: its accelerations, those of motors and internal states included."""
         self.states, self.rotors, self.tree, self.free, self.model = states, rotors, tree, free, tree.model
 
     def respond(self, row: Row) -> Response:

@@ -1,4 +1,4 @@
-"""States of laws, eliminated before motors and joints: blocks of an implicit method's matrix, one for each law.
+"""Internal states, eliminated before motors and joints: blocks of an implicit method's matrix, one for each law.
 
 A law with the resisting force f(s, v, z) along the row J = ds/dq, and the rates g(s, v, z) of its states, couples
 coordinates to these, whose inertias w make w z^2 / 2 the energy that they store and whose accelerations are z' = a_z:
@@ -108,7 +108,7 @@ class ScalarSlopes:
 
 
 class States:
-    """Rows of the states of laws; ``drives`` (n,) are those of what is left."""
+    """Rows of the internal states; ``drives`` (n,) are those of what is left."""
 
     def __init__(
         self, model: Model, inertias: Sequence[Scalar], drives: Sequence[Scalar], rows: Mapping[int, StateRow]

@@ -170,7 +170,7 @@ class Bound:
 
     ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
     ``laws``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate, the first
-    two then of states of laws (``Model.internal_states``), whose inertia w makes w z^2 / 2 the energy that they store.
+    two then of internal states (``Model.internal_states``), whose inertia w makes w z^2 / 2 the energy that they store.
     ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its weight is a
     constant of the potential energy.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an

@@ -284,7 +284,7 @@ def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], 
         energy = energy + 0.5 * (dot(momentum, W.origin) + dot(spin, W.rate))
         if body.bent is not None:
             energy = energy + modal_energy(body.bent, W.rate, W.origin, v)
-    n = len(model.coordinates)  # states of laws are no motion
+    n = len(model.coordinates)  # internal states are no motion
     for c, rate in zip(bound.armature[:n], v[:n], strict=True):
         energy = energy + 0.5 * c * rate * rate
     return energy

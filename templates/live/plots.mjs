@@ -48,7 +48,7 @@ export function plotsOf(data) {
   for (const unit of new Set(data.states.map((state) => state.unit))) {
     const [shownUnit, factor] = MILLI[unit] ?? [unit, 1], places = [...data.states.keys()].filter((i) => data.states[i].unit === unit).slice(0, 7);
     found.set(`states.${unit}`, {
-      label: `states of laws, ${shownUnit}`,
+      label: `internal states, ${shownUnit}`,
       unit: shownUnit,
       names: places.map((i) => data.states[i].name),
       value: ({ states }) => places.map((i) => factor * states[i]),

@@ -17,7 +17,7 @@ export class Simulation {
     this.kernel = kernel;
     this.rigid = rigid;
     this.data = data;
-    this.n = data.coordinates.length + data.states.length; // of q and v: states of laws stand behind the coordinates of v
+    this.n = data.coordinates.length + data.states.length; // of q and v: internal states stand behind the coordinates of v
     this.index = new Map(data.coordinates.map((name, i) => [name, i]));
     this.period = data.period;
     this.method = data.method;

@@ -12,9 +12,9 @@ from eomgen.adapters import jax as for_jax
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.codegen.forces.bushings import Bushings
 from eomgen.codegen.forces.element import ForceElement
+from eomgen.codegen.forces.internal_states.coordinate_laws import InternalStateLaws
 from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
-from eomgen.codegen.forces.memory.coordinate_memory import MemoryLaws
 from eomgen.description.load import robot_from_toml
 from eomgen.runtime.kernel import Array, Kernel
 from tests.support.adapter_samples import differences, second_differences
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("doubles")
 casadi, jax, jnp = needs("casadi"), needs("jax"), needs("jax.numpy")
 
 NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
-FAMILIES = (MemoryLaws, JointStiffnesses, JointDampers, Bushings)
+FAMILIES = (InternalStateLaws, JointStiffnesses, JointDampers, Bushings)
 
 
 def states(kernel: Kernel, seed: int) -> dict[str, Array]:
@@ -41,7 +41,7 @@ def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[F
     """In Python, in CasADi and in JAX; the friction of bristles by z among the velocities."""
     robot = robot_from_toml(robot_with(family))
     kernel = built(robot, *kernels_for(*NAMES)).augmented
-    assert bool(kernel.internal_states) == (family is MemoryLaws)
+    assert bool(kernel.internal_states) == (family is InternalStateLaws)
     given = states(kernel, 3)
     for name in NAMES:
         there = DifferentiableFunction(kernel, name)
@@ -79,7 +79,7 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
         JointStiffnesses: "joints.neck.stiffness.x.beta",
         JointDampers: "joints.wrist.damping.z.alpha",
         Bushings: "bushings.block.stiffness.x.beta",
-        MemoryLaws: "joints.knuckle.beta.friction.bristle_stiffness",
+        InternalStateLaws: "joints.knuckle.beta.friction.bristle_stiffness",
     }[family]
     size, ends = float(kernel.parameters[key]), []
     slope = jax.jacfwd(lambda x: native.forward_dynamics(q, v, u, p={key: x}))(size)

@@ -298,7 +298,7 @@ def test_what_cannot_be_observed_is_refused_by_name() -> None:
         refused(error, message, MomentumObserver, **{"robot": "one_link", "gain": GAIN, "dt": DT, **options})
 
 
-def test_states_of_laws_are_refused_by_name() -> None:
+def test_internal_states_are_refused_by_name() -> None:
     with pytest.raises(InputError, match=r"laws have states \(.*\), which are not measured; allowed: robot.without_s"):
         MomentumObserver(HYSTERETIC, GAIN, DT)
     assert MomentumObserver(HYSTERETIC.without_states(), GAIN, DT).coordinates == ("joint1.gamma", "joint1.motor")

@@ -22,8 +22,8 @@ from tests.support.bristles import SIZE, law_changes
 from tests.support.fmu_units import (
     BUILTIN,
     FIXED,
-    MEMORY,
     VERSIONS,
+    WITH_STATES,
     Export,
     Point,
     Unit,
@@ -51,7 +51,7 @@ from tests.support.soak import soaked
 
 QUICK = soaked(BUILTIN, ("one_link", "worn_arm"))
 OPEN = ("arm", "laws", "servo", "axis")  # without loops and couplings
-SECOND = {"laws", "linkage", "axis"}  # of MEMORY, which are not left to the soak
+SECOND = {"laws", "linkage", "axis"}  # of WITH_STATES, which are not left to the soak
 
 
 def random_kind(seed: int) -> Robot:
@@ -179,10 +179,10 @@ def test_derivatives(name: str, version: int, exported: Export) -> None:
     unit = exported(robot_of(name), version)
     p = point_of(unit, 3, size=1e-3 if name == "worn_arm" else 0.1)
     sizes: Any = step_of(p)
-    if name in MEMORY:
+    if name in WITH_STATES:
         sizes = np.full(p.all.size, 1e-3)
         sizes[2 * p.n : p.states.size] *= SIZE
-    check_derivatives(unit, p.all, sizes, 3, 1e-5 if name in MEMORY else 2e-7)
+    check_derivatives(unit, p.all, sizes, 3, 1e-5 if name in WITH_STATES else 2e-7)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -210,7 +210,7 @@ def test_declared_dependencies_are_all_that_there_are(version: int, exported: Ex
 def motion_of(name: str, unit: Unit) -> Point:
     """Return start and inputs of a short motion in which much moves."""
     kernel, rng = unit.kernel, np.random.default_rng(11)
-    if name in MEMORY:
+    if name in WITH_STATES:
         p = point_of(unit, 3)
         if kernel.raw.libraries.meta.get("constraints"):  # a closed state at rest
             v = np.r_[np.zeros(p.n), p.v[p.n :]]
@@ -246,7 +246,7 @@ def test_model_exchange_is_the_direct_simulation(name: str, version: int, export
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", soaked(MEMORY, SECOND))
+@pytest.mark.parametrize("name", soaked(WITH_STATES, SECOND))
 def test_model_exchange_with_internal_states_is_the_rollout(name: str, version: int, exported: Export) -> None:
     unit = exported(robot_of(name), version)
     p = motion_of(name, unit)
@@ -266,7 +266,7 @@ def test_co_simulation_is_the_direct_simulation(name: str, version: int, exporte
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize("name", [*soaked(MEMORY, SECOND), pytest.param("worn_arm", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("name", [*soaked(WITH_STATES, SECOND), pytest.param("worn_arm", marks=pytest.mark.soak)])
 @pytest.mark.parametrize("method", soaked([*FIXED, "rosenbrock", "radau"], ["implicit", "rosenbrock"]))
 def test_co_simulation_is_the_rollout(method: str, name: str, version: int, exported: Export) -> None:
     """Of internal states, too; by steps with error control all of it is one communication step."""

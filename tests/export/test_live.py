@@ -209,7 +209,7 @@ def with_matrix() -> Robot:
 def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     make: Callable[[], Robot], changed: dict[str, float], tmp_path: Path
 ) -> None:
-    """Under node, without a browser: states of laws, loops, matrices; drives off, parameters as they were changed."""
+    """Under node, without a browser: internal states, loops, matrices; drives off, parameters as they were changed."""
     contents = contents_of(make(), None, None, no_progress)
     values, start = contents.values, contents.values["start"]
     kernel = eomgen.build(contents.robot, kernels=KERNELS).augmented
@@ -302,7 +302,7 @@ def signal_program(values: dict[str, Any]) -> Callable[[float], Any]:
     return lambda t: motion.at(t)[0]
 
 
-def test_a_recording_has_states_of_laws_behind_the_rates() -> None:
+def test_a_recording_has_internal_states_behind_the_rates() -> None:
     robot = bristle_arm()
     result = eomgen.run_scenario(robot, eomgen.Scenario(0.05))
     recorded = contents_of(robot, None, result, no_progress).values["recorded"]

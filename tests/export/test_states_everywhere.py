@@ -44,10 +44,10 @@ from tests.support.bristles import (
     bristle_linkage,
     linkage_text,
     loop_text,
-    remembering_arm,
-    remembering_linkage,
     servo_arm,
     servo_text,
+    stateful_arm,
+    stateful_linkage,
     wide,
 )
 from tests.support.builds import Build
@@ -56,14 +56,14 @@ from tests.support.optional import OptionalModule, needs
 from tests.support.random_robots import random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-SOAKED = (bristle_arm, bristle_gear, remembering_linkage, servo_arm)
-ROBOTS = [remembering_arm, bristle_linkage, *(pytest.param(make, marks=pytest.mark.soak) for make in SOAKED)]
+SOAKED = (bristle_arm, bristle_gear, stateful_linkage, servo_arm)
+ROBOTS = [stateful_arm, bristle_linkage, *(pytest.param(make, marks=pytest.mark.soak) for make in SOAKED)]
 TEXTS = {
     bristle_arm: ARM,
     bristle_linkage: linkage_text(),
     bristle_gear: GEARED,
-    remembering_arm: all_laws_text(),
-    remembering_linkage: loop_text(),
+    stateful_arm: all_laws_text(),
+    stateful_linkage: loop_text(),
     servo_arm: servo_text(),
 }
 PACKAGE = """
@@ -82,7 +82,7 @@ PLANT = """
 #include "plant.hpp"
 #include <cstdio>
 namespace arm = eomgen::bristle_arm;
-static_assert(arm::state_names.size() == BRISTLE_ARM_MEMORY && arm::dof == BRISTLE_ARM_DOF);
+static_assert(arm::state_names.size() == BRISTLE_ARM_INTERNAL_STATES && arm::dof == BRISTLE_ARM_DOF);
 static_assert(arm::states::{first} == arm::coordinate_names.size() && arm::state_names[0] == "{name}");
 static_assert(arm::coordinate_names.size() + arm::state_names.size() == arm::dof);
 int main()
@@ -129,7 +129,7 @@ def test_models_of_mujoco_have_coulomb_friction_in_their_place(make: Callable[[]
 
 def test_default_steps_follow_states_at_limits_of_velocity(tmp_path: Path) -> None:
     """Bristles at 40 rad/s: 300 N m/rad 40 rad/s / 0.3 N m = 4e4 1/s; MuJoCo has none, nor friction in its steps."""
-    with pytest.raises(InputError, match=r"step: states of laws of 'j1\.gamma', 'j2\.motor' .*: a step, limits"):
+    with pytest.raises(InputError, match=r"step: internal states of 'j1\.gamma', 'j2\.motor' .*: a step, limits"):
         export_fmu(bristle_arm(), tmp_path / "a.fmu", method="rk4")
     text = ARM.replace("friction = {", "limits = { velocity = 10.0 }, friction = {", 1)
     text = text.replace("ratio = 5.0\n", "ratio = 5.0\nlimits = { velocity = 40.0 }\n")
@@ -178,7 +178,7 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
 
 def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
     """Text alone: a robot with servo drives, and one without."""
-    for make, has_efforts in ((servo_arm, False), (remembering_arm, True)):
+    for make, has_efforts in ((servo_arm, False), (stateful_arm, True)):
         meta = json.loads(make_source(make(), Options(("rollout",), level=BASE)).meta)
         component = ros2_files(meta)["component.cpp"]
         assert ("message_.effort[i] =" in component) == has_efforts
@@ -200,8 +200,8 @@ def test_packages_have_states_with_numpy_and_cffi_alone(package: Path) -> None:
     command = [sys.executable, "-c", PACKAGE]
     found = subprocess.run(command, input=given, cwd=package.parent, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
-    memory, arrays = json.loads(found.stdout)
-    assert tuple(memory) == kernel.internal_states
+    internal_states, arrays = json.loads(found.stdout)
+    assert tuple(internal_states) == kernel.internal_states
     motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
     wanted = [
         kernel.forward_dynamics(q, v, u, z),

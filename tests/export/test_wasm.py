@@ -31,7 +31,7 @@ from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_exports import BENDING
-from tests.support.bristles import bent, bristle_linkage, law_changes, remembering_arm, servo_arm, wide
+from tests.support.bristles import bent, bristle_linkage, law_changes, servo_arm, stateful_arm, wide
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -172,15 +172,15 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
 
 @pytest.mark.soak
 @needs_node
-@pytest.mark.parametrize("make", [remembering_arm, bristle_linkage, servo_arm])
-def test_states_of_laws_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
+@pytest.mark.parametrize("make", [stateful_arm, bristle_linkage, servo_arm])
+def test_internal_states_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
     """Arrays are those of the C: coordinates, then states; messages name both."""
     robot = make()
     assert compare_functions(tmp_path, robot, exact=False) >= 12
     kernel, made = eomgen.build(robot), make_wasm(robot)
     made.write(tmp_path)
     description, nz = made.description, len(kernel.internal_states)
-    assert tuple(description["memory"]) == kernel.internal_states
+    assert tuple(description["internal_states"]) == kernel.internal_states
     if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
         assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.augmented.n - 1}
         header = kernel.source("h")
@@ -318,7 +318,7 @@ def test_matrices_stay_positive_semidefinite(tmp_path: Path) -> None:
 
 @needs_node
 def test_numbers_of_laws_go_together_as_in_python(tmp_path: Path) -> None:
-    robot = remembering_arm()
+    robot = stateful_arm()
     kernel = eomgen.build(robot, kernels=("energy",))
     eomgen.export_wasm(robot, tmp_path, kernels=("energy",))
     changes, first = law_changes(kernel), dict(kernel.parameters)

@@ -1,4 +1,4 @@
-"""Identification of robots with servo drives and force laws with states, and of simulated motions."""
+"""Identification of robots with servo drives and force laws with internal states, and of simulated motions."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_static_compensation_is_refused_by_name() -> None:
         compensate(load_robot(EXAMPLE), mode="static")
 
 
-# Laws with states
+# Laws with internal states
 
 
 COULOMB, STIFFNESS, VISCOUS = 1.2, 2e4, 0.3

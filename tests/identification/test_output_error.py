@@ -284,7 +284,7 @@ def test_refusals(kernel: eomgen.Kernel) -> None:
     bar = eomgen.load_robot("four_bar")
     rubs = replace(bar.joints[0], coordinates={"gamma": robot.joint("slide").coordinates["z"]})
     bare = motion_from_columns({"t": motion.t, "slide.z": motion.q[:, 0]}, kernel.coordinates)
-    closed = r"rigid loops or couplings \(joint4\.x, .*, \.\.\.\) and laws with states; allowed for parameters"
+    closed = r"rigid loops or couplings \(joint4\.x, .*, \.\.\.\) and laws with internal states; allowed for parameters"
     unknown = {"parameters": ["joints.slide.z.friction.colour"]}
     for other, given, options, message in (
         (robot, motion, unknown, "no parameter has this name"),

@@ -24,7 +24,7 @@ from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.integration.test_solve import closed_form
-from tests.support.bristles import remembering_arm
+from tests.support.bristles import stateful_arm
 from tests.support.builds import Build
 from tests.support.pendulums import pendulum
 from tests.support.random_robots import random_robot, random_state, seeds, some_prescribed
@@ -391,7 +391,7 @@ def test_robots_on_a_shaken_platform_are_off_as_estimated() -> None:
 @pytest.mark.parametrize("method", ["auto", "rosenbrock", "scipy:Radau"])
 def test_laws_with_states_are_off_as_estimated(method: str, built: Build) -> None:
     """Maxwell branches, hysteresis, bristles: their states have errors, too, and bend those of coordinates."""
-    kernel = built(remembering_arm(), *ALL)
+    kernel = built(stateful_arm(), *ALL)
     q, v = np.full(kernel.n, 0.01), np.full(kernel.n, 0.05)
     motion = integrate(kernel, q, v, 0.2, output_step=1e-3, method=method, rtol=1e-4)
     exact = integrate(kernel, q, v, 0.2, output_step=1e-3, method="scipy:Radau", rtol=1e-12)

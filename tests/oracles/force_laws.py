@@ -19,10 +19,10 @@ from tests.support.drive_reference import drive
 from tests.support.random_robots import Array
 
 IN_TURNS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
-REMEMBERING = ("bristles", "hysteresis", "branches")  # kinds that have states
+WITH_STATES = ("bristles", "hysteresis", "branches")  # kinds that have states
 KEYS = ("stiffness", "damping")
 WOUND = ("stiffness", "A", "beta", "gamma", "n", "share")
-KINDS = (*IN_TURNS, *REMEMBERING)
+KINDS = (*IN_TURNS, *WITH_STATES)
 
 
 def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> Coordinate:
@@ -176,10 +176,10 @@ def with_laws(robot: Robot, seed: int) -> Robot:
             count += 1
         joints.append(replace(joint, coordinates=_pressed(np.random.default_rng([seed, len(joints)]), table)))
     further = np.random.default_rng([seed, 2])
-    return replace(robot, joints=tuple(_remembering(further, joint) for joint in joints))
+    return replace(robot, joints=tuple(_with_states(further, joint) for joint in joints))
 
 
-def _remembering(rng: np.random.Generator, joint: Joint) -> Joint:
+def _with_states(rng: np.random.Generator, joint: Joint) -> Joint:
     """The joint with hysteresis and Maxwell branches at about a third of its coordinates; none where one presses."""
     kinds = [str(kind) for kind in rng.choice(["hysteresis", "branches", "plain", "plain"], len(joint.coordinates))]
     if any(c.friction is not None and c.friction.coefficient is not None for c in joint.coordinates.values()):
@@ -211,8 +211,8 @@ def smooth(x: float, w: float) -> float:
     return x * x / (2.0 * w) if x < w else x - w / 2.0
 
 
-def remembered(c: Coordinate, s: float, v: float, states: Sequence[float]) -> tuple[float, list[float], list[float]]:
-    """The force of laws with states, the rates of these, and their inertias."""
+def state_law(c: Coordinate, s: float, v: float, states: Sequence[float]) -> tuple[float, list[float], list[float]]:
+    """The force of laws with internal states, the rates of these, and their inertias."""
     force, rates, inertias, left = 0.0, list[float](), list[float](), list(states)
     if c.friction is not None and c.friction.bristle_stiffness is not None:
         force, rate = bristles(c.friction, v, left.pop(0))
@@ -243,7 +243,7 @@ def bristles(f: Friction, v: float, z: float) -> tuple[float, float]:
 
 
 def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
-    """Force against a deviation, without linear damping and laws with states; ``load`` presses the joint, N."""
+    """Force against a deviation, without linear damping and internal states; ``load`` presses the joint, N."""
     total = c.preload or 0.0
     k, k_negative, cubic = c.stiffness or 0.0, c.stiffness_negative, c.cubic or 0.0
     if k_negative is None:
@@ -315,7 +315,7 @@ def stored(c: Coordinate, s: float) -> float:
 
 
 class LawOracle:
-    """Pinocchio for the bodies, and the forces of coordinates from here; states of laws stand behind coordinates."""
+    """Pinocchio for the bodies, and the forces of coordinates from here; internal states stand behind coordinates."""
 
     def __init__(self, robot: Robot) -> None:
         self.table, self.robot = list(coordinates(robot)), robot
@@ -329,19 +329,19 @@ class LawOracle:
 
     def forces(self, q: Array, v: Array) -> Array:
         """Of coordinates, then minus rates of states times their inertias."""
-        laws = self.memory(q, v)
+        laws = self.internal_states(q, v)
         own = [resistance(*x) for x in zip(self.table, q[: self.n], v[: self.n], self.loads(q, v), strict=True)]
         resisting = [force + more for force, (more, _, _) in zip(own, laws, strict=True)]
         return np.array(resisting + [-x * w for _, rates, sizes in laws for x, w in zip(rates, sizes, strict=True)])
 
-    def memory(self, q: Array, v: Array) -> list[tuple[float, list[float], list[float]]]:
-        """Force, rates and inertias of each coordinate's laws with states."""
+    def internal_states(self, q: Array, v: Array) -> list[tuple[float, list[float], list[float]]]:
+        """Force, rates and inertias of each coordinate's laws with internal states."""
         each = zip(self.table, q[: self.n].tolist(), v[: self.n].tolist(), self.states, strict=True)
-        return [remembered(c, s, rate, v[places].tolist()) for c, s, rate, places in each]
+        return [state_law(c, s, rate, v[places].tolist()) for c, s, rate, places in each]
 
     def inertias(self) -> Array:
         still = np.zeros(self.states[-1].stop)
-        return np.array([w for _, _, sizes in self.memory(still, still) for w in sizes])
+        return np.array([w for _, _, sizes in self.internal_states(still, still) for w in sizes])
 
     def loads(self, q: Array, v: Array) -> list[float]:
         """What presses each coordinate: the forces across it without friction, with damping, of the same joint."""
@@ -384,7 +384,7 @@ class LawOracle:
 class DriveOracle:
     """Equations of a robot with servo drives: ``LawOracle`` without them, and the drives from their own equations.
 
-    Its arrays are the kernel's: of coordinates, then of states of laws, those of drives among them.
+    Its arrays are the kernel's: of coordinates, then of internal states, those of drives among them.
     """
 
     def __init__(self, robot: Robot) -> None:

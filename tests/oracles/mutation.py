@@ -153,7 +153,7 @@ def check_zeros() -> None:
         tests.test_map_equals_the_pattern_of_numbers(seed)
     for leaders in ({"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}):
         tests.test_what_leaders_move_is_the_pattern_of_sums(leaders)
-    tests.test_states_of_laws_meet_nothing()
+    tests.test_internal_states_meet_nothing()
     again("tree.test_offsets").test_an_offset_ends_a_coaxial_zero()
     tests = again("joint.test_zeros_of_modes")
     for seed in range(4):
@@ -206,12 +206,12 @@ def check_closed_form_of_flexible_links() -> None:
     (model,) = (case.model for case in cases() if case.name == "flexible links")
     symbols = [str(x) for x in codegen("closed_form.trace")._symbols(model)[0]]
     assert symbols == ["x_1", "y_1", "z_1", "e1_1", "e2_1", "gamma_4", "e1_4", "e2_4"]
-    with pytest.raises(InputError, match="knows no laws with states, nor servo drives"):
+    with pytest.raises(InputError, match="knows no laws with internal states, nor servo drives"):
         codegen("closed_form.trace").closed_form(build_model(bent(bristled_arm(), 0, (1,)).robot))
 
 
 def check_closed_form_with_states() -> None:
-    """Forces, rates of states and energies of laws with states, against interpreted kernels."""
+    """Forces, rates of states and energies of laws with internal states, against interpreted kernels."""
     model = build_model(bristled_arm())
     rng = np.random.default_rng(3)
     inputs = {name: 0.3 * rng.normal(size=4) for name in "qvau"} | {"z": 1e-4 * rng.normal(size=2)}
@@ -225,7 +225,7 @@ def check_closed_form_with_states() -> None:
     known = (("residual", residual, slice(4)), ("forward_dynamics", rates, slice(4, 6)), ("energy", energy, slice(2)))
     for kernel, found, part in known:
         expected, _ = run(codegen("kernels.equations").derive(model, kernel), inputs | whole)
-        close(np.array(found, float), expected[part], CLOSE, f"states of laws: {kernel}")
+        close(np.array(found, float), expected[part], CLOSE, f"internal states: {kernel}")
 
 
 def check_parameters() -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.forces.internal_states.formulas import STATE_FORMULAS
 from eomgen.codegen.forces.laws import FORMULAS
-from eomgen.codegen.forces.memory.formulas import STATE_FORMULAS
 from eomgen.description.keys import COORDINATE, MOTOR_FORM
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
@@ -21,17 +21,17 @@ from eomgen.forms.keys import Either
 from eomgen.forms.tables import Few, Sub
 from eomgen.names import split_state
 from eomgen.robot.elements import Spring
+from eomgen.robot.internal_states.branches import BRANCHES, branch_conflict
+from eomgen.robot.internal_states.bristles import bristle_conflict
+from eomgen.robot.internal_states.drives import DRIVE
 from eomgen.robot.laws import BASIC, LAWS, NUMBERS, SHAPED
-from eomgen.robot.memory.branches import BRANCHES, branch_conflict
-from eomgen.robot.memory.bristles import bristle_conflict
-from eomgen.robot.memory.drives import DRIVE
 from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 from eomgen.runtime.stepping.many_steps import BOUNDS
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
-from tests.support.bristles import remembering_arm, remembering_linkage, servo_arm
+from tests.support.bristles import servo_arm, stateful_arm, stateful_linkage
 from tests.support.random_robots import random_robot
 
 ROOT = Path(__file__).parents[2]
@@ -89,7 +89,7 @@ def test_every_law_is_among_those_of_random_robots() -> None:
 
 def test_names_of_states_say_whose_they_are() -> None:
     """Of joints, motors, branches, servo drives, loop joints and couplings."""
-    states = [x for robot in (remembering_arm(), remembering_linkage(), servo_arm()) for x in build_model(robot).states]
+    states = [x for robot in (stateful_arm(), stateful_linkage(), servo_arm()) for x in build_model(robot).states]
     assert {"j1.gamma", "j2.motor", "joint4.gamma", "belt"} <= {x.owner for x in states}
     assert {x.law for x in states} == STATE_FORMULAS.keys() | {DRIVE}
     for x in states:

@@ -228,7 +228,7 @@ def test_second_derivatives_are_of_the_same_side(built: Build) -> None:
     assert np.isfinite(kernel.hessian("forward_dynamics", (q, v, still), np.ones(n))).all()
 
 
-WITH_STATES = {  # laws with states: a corner at v = 0
+WITH_STATES = {  # laws with internal states: a corner at v = 0
     "rubs": 'friction = { model = "lugre", coulomb = 2.0, bristle_stiffness = 1e3, bristle_damping = 30.0 }',
     "winds": "hysteresis = { stiffness = 50.0, beta = 12.0, gamma = 8.0, n = 1.5 }",
 }

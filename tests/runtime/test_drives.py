@@ -16,7 +16,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, IntegrationError
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import motion_columns
-from eomgen.robot.memory.drives import short_time_notes
+from eomgen.robot.internal_states.drives import short_time_notes
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate
 from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
@@ -279,7 +279,7 @@ def test_a_saturated_loop_is_said_where_a_linear_system_lacks_its_integral() -> 
     robot = eomgen.load_robot(EXAMPLE)
     for u, lacks in (([0.1], ()), ([100.0], ("axis.gamma.drive.integral_velocity",))):
         system = eomgen.analysis.linearize(robot, [0.0], v=[0.0], u=u, outputs=["axis.gamma"])
-        assert tuple(name for name in system.memory if name not in system.states) == lacks
+        assert tuple(name for name in system.internal_states if name not in system.states) == lacks
         said = [note for note in system.notes if "are at a limit" in note]
         assert [note.partition(", ")[2].partition(":")[0] for note in said] == list(lacks)
 

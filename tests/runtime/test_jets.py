@@ -19,7 +19,7 @@ from eomgen.pipeline.options import Options
 from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
 from tests.runtime.test_direct import in_python
-from tests.runtime.test_memory import ARM
+from tests.runtime.test_state_laws import ARM
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds
 from tests.support.refusals import refused
@@ -221,7 +221,7 @@ def test_series_close_loops_in_batches_of_single_precision() -> None:
     refused(ArrayError, r"jerk: expected float64 of shape \(3,\)", double.close_series, (*guess[:3], guess[3][:, :2]))
 
 
-def test_states_of_laws_move_as_velocities(built: Build) -> None:
+def test_internal_states_move_as_velocities(built: Build) -> None:
     """They are a series of their own; functions that do not depend on them need none."""
     split = built(robot_from_toml(ARM), "inverse_dynamics_jet1", "inverse_dynamics", "mass_matrix_jet1", "mass_matrix")
     n, kernel = split.n, split.augmented

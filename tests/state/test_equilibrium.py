@@ -18,7 +18,7 @@ from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, IntegrationError, UnknownNameError
 from eomgen.integration.plan import choose_method
 from eomgen.loops.equilibrium import closed_equilibrium
-from eomgen.robot.memory.standstill import standstill_of
+from eomgen.robot.internal_states.standstill import standstill_of
 from eomgen.robot.value import Coordinate
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario

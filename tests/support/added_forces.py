@@ -108,7 +108,7 @@ def check_jacobians(robot: Robot, states: Sequence[State], built: Build) -> None
 
 
 def check_closed_form(robot: Robot, s: State, tolerance: float = 1e-11) -> None:
-    """Compare SymPy's residual and energies with those of the programs, of coordinates; states of laws stand in v."""
+    """Compare SymPy's residual and energies with those of the programs, of coordinates; internal states stand in v."""
     model, n = build_model(robot), len(build_model(robot).coordinates)
     function = closed_form(model).function("residual", "kinetic", "potential")
     residual, *energies = function(*(x[:n] for x in (s.q, s.v, s.a, s.u)), z=s.v[n:])

@@ -64,7 +64,7 @@ LAWS = (  # in the place of others of ARM
     ("x = { stiffness = 1e4, damping = 10.0 }", f"x = {{ stiffness = 1e4, {MAXWELL} }}"),
     ("gamma = { damping = 0.1 }", f"gamma = {{ damping = 0.1, {HYSTERESIS.format(30.0)} }}"),
     ("stiffness = 100.0\ndamping = 0.5\n", f"stiffness = 100.0\ndamping = 0.5\n{HYSTERESIS.format(50.0)}\n"),
-    ('name = "bristle_arm"', 'name = "remembering_arm"'),
+    ('name = "bristle_arm"', 'name = "stateful_arm"'),
 )
 
 
@@ -76,7 +76,7 @@ def all_laws_text() -> str:
     return text
 
 
-def remembering_arm() -> Robot:
+def stateful_arm() -> Robot:
     """Return the arm with all kinds of laws that have states."""
     return robot_from_toml(all_laws_text())
 
@@ -114,7 +114,7 @@ def loop_text() -> str:
     return f"{text}\n{coupling}{HYSTERESIS.format(20.0)}\n"
 
 
-def remembering_linkage() -> Robot:
+def stateful_linkage() -> Robot:
     """Return the linkage whose loop joint and elastic coupling have states, too."""
     return robot_from_toml(loop_text())
 
@@ -171,7 +171,7 @@ def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str,
 
 
 def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Return q, v and u as arrays of the C have them: states of laws stand behind the coordinates of v."""
+    """Return q, v and u as arrays of the C have them: internal states stand behind the coordinates of v."""
     nothing = np.zeros(len(kernel.internal_states))
     return np.r_[q, nothing], np.r_[v, z], np.r_[u, nothing]
 

@@ -310,12 +310,12 @@ def inputs_of(source: Source, spread: Array, seed: int = 1) -> dict[str, Array]:
     """Random inputs by label, (STATES, size) of states.
 
     Args:
-        spread: how far each coordinate goes from 0, (n,), m or rad; states of laws, behind them, stay short.
+        spread: how far each coordinate goes from 0, (n,), m or rad; internal states, behind them, stay short.
     """
     meta, rng = json.loads(source.meta), np.random.default_rng(seed)
-    memory = len(meta.get("internal_states", ()))
-    n, dtype = len(meta["coordinates"]) + memory, np.dtype(meta["dtype"])
-    spread = np.append(spread, np.full(memory, 1e-4))
+    internal_states = len(meta.get("internal_states", ()))
+    n, dtype = len(meta["coordinates"]) + internal_states, np.dtype(meta["dtype"])
+    spread = np.append(spread, np.full(internal_states, 1e-4))
     found = {"p": np.array(list(meta["parameters"].values()))}
     found |= {
         label: rng.uniform(-2.0, 2.0, (ROWS.get(label, STATES), int(np.prod(meta["shapes"][label]))))

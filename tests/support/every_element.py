@@ -13,11 +13,11 @@ from eomgen.codegen.forces.coordinates import CoordinateLaws, ModalCouplings
 from eomgen.codegen.forces.cut_journals import LoopBearingContacts
 from eomgen.codegen.forces.cuts import ElasticLoopCoordinates
 from eomgen.codegen.forces.element import ForceElement
+from eomgen.codegen.forces.internal_states.coordinate_laws import InternalStateLaws
+from eomgen.codegen.forces.internal_states.drives import Drives
 from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.codegen.forces.journals import BearingContacts
-from eomgen.codegen.forces.memory.coordinate_memory import MemoryLaws
-from eomgen.codegen.forces.memory.drives import Drives
 from eomgen.codegen.forces.springs import PointSprings
 from eomgen.codegen.forces.transmissions import Transmissions
 from eomgen.description.load import robot_from_toml
@@ -135,7 +135,7 @@ damping = { matrix = [[2.0, 0.1, 0.0, 0.1, 0.0, 0.0], [0.1, 1.0, 0.2, 0.0, 0.0, 
 [0.0, 0.2, 1.5, 0.0, 0.0, 0.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.0, 0.0, 0.3, 0.0], \
 [0.0, 0.1, 0.0, 0.1, 0.0, 0.4]] }
 """
-REMEMBERING = f"""
+WITH_STATES = f"""
 {link_table("finger", 0.4, (0.05, 0.01, 0.0), (3e-3, 4e-3, 5e-3))}
 {joint_table("knuckle", "fore", "finger", "revolute")}
 placement = {{ xyz = [0.3, 0.0, 0.0], rpy = [0.2, 0.0, 0.1] }}
@@ -178,7 +178,7 @@ controller = {{ kp = 3.0, ki = 2.0, kd = 1.0, limit = 0.7 }}
 
 ROBOTS: Mapping[type[ForceElement], Mapping[str, str]] = {
     CoordinateLaws: {"knee": LAWS},
-    MemoryLaws: {"beside": REMEMBERING},
+    InternalStateLaws: {"beside": WITH_STATES},
     Drives: {"beside": DRIVES},
     Transmissions: {"hip": MOTOR},
     PointSprings: {"beside": SPRINGS},

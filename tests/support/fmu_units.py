@@ -20,9 +20,9 @@ from tests.support.bristles import (
     bristle_arm,
     bristle_gear,
     bristle_linkage,
-    remembering_arm,
-    remembering_linkage,
     servo_arm,
+    stateful_arm,
+    stateful_linkage,
 )
 from tests.support.builds import Build
 from tests.support.fmu_host import Host, fmpy
@@ -34,12 +34,12 @@ FIXED = ("rk4", "implicit")
 COMPUTED = ("der(q.", "a.", "der(z.", "constraint.", "pose.", "reaction.", "energy.")
 AXIS = Path(__file__).parents[2] / "examples" / "servo_axis.toml"
 BUILTIN = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
-MEMORY: dict[str, Callable[[], Robot]] = {  # robots whose laws have internal states
+WITH_STATES: dict[str, Callable[[], Robot]] = {  # robots whose laws have internal states
     "arm": bristle_arm,
     "linkage": bristle_linkage,
     "gear": bristle_gear,
-    "laws": remembering_arm,
-    "loop": remembering_linkage,
+    "laws": stateful_arm,
+    "loop": stateful_linkage,
     "servo": servo_arm,
     "axis": lambda: load_robot(AXIS),
 }
@@ -47,7 +47,7 @@ MEMORY: dict[str, Callable[[], Robot]] = {  # robots whose laws have internal st
 
 def robot_of(name: str) -> Robot:
     """Return a built-in robot, or one whose laws have internal states."""
-    return MEMORY[name]() if name in MEMORY else load_robot(name)
+    return WITH_STATES[name]() if name in WITH_STATES else load_robot(name)
 
 
 class Unit:
@@ -75,7 +75,7 @@ Export = Callable[..., Unit]
 
 @dataclass(frozen=True)
 class Point:
-    """A state, drives and wrenches; n coordinates stand before states of laws."""
+    """A state, drives and wrenches; n coordinates stand before internal states."""
 
     q: Array
     v: Array
@@ -93,10 +93,10 @@ class Point:
 
 
 def point_of(unit: Unit, seed: int, size: float = 1.0) -> Point:
-    """Return a random point; of robots of ``MEMORY`` one whose internal states are as large as they get."""
+    """Return a random point; of robots of ``WITH_STATES`` one whose internal states are as large as they get."""
     kernel, rng = unit.kernel, np.random.default_rng(seed + 9)
     wrench, n = rng.uniform(-5.0, 5.0, (len(kernel.links), 6)), len(kernel.coordinates)
-    if unit.robot.name in [make().name for make in MEMORY.values()]:
+    if unit.robot.name in [make().name for make in WITH_STATES.values()]:
         q, v, u, z = bent(kernel, seed)
         more = np.zeros(z.size)
         return Point(np.r_[q, more], np.r_[v, z], np.r_[u, more], wrench, n)

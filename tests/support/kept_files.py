@@ -47,7 +47,7 @@ payloads = [{ link = "link1", mass = 0.1, point = [1.0, 0.0, 0.0] }]
 
 
 def sample_result(name: str = "one_link", *, states: bool = False) -> SimulationResult:
-    """Return a result that nobody simulated: a few samples of numbers that do not matter; with states of laws."""
+    """Return a result that nobody simulated: a few samples of numbers that do not matter; with internal states."""
     robot = eomgen.load_robot(name)
     model = build_model(robot)
     names, n, t = model.coordinates, 5, np.linspace(0.0, 0.5, 5)
@@ -58,7 +58,7 @@ def sample_result(name: str = "one_link", *, states: bool = False) -> Simulation
     laws: dict[str, Any] = {}
     if states:
         owners = tuple(f"{names[0]}.{law}.z" for law in ("friction", "maxwell.0"))
-        laws = {"memory": owners, "memory_units": ("rad", "rad"), "z": z}
+        laws = {"internal_states": owners, "internal_state_units": ("rad", "rad"), "z": z}
     end = {"q": q[-1].tolist(), "v": q[-1].tolist(), **({} if z is None else {"z": z[-1].tolist()})}
     info = {"steps": 4, "evaluations": 9, "jacobians": 0, "wall_s": 0.1}
     contacts = (Contact(0.1, names[0], 1, True, 0.2),)
@@ -110,7 +110,7 @@ def kept_result(kind: str) -> Any:
             B=np.array([[0.0], [1.0], [0.0]]),
             C=np.array([[1.0, 0.0, 0.0]]),
             states=("joint1.gamma", "joint1.gamma.rate", law),
-            memory=(law,),
+            internal_states=(law,),
             z=np.array([1e-5]),
         )
     return found

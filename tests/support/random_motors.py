@@ -9,7 +9,7 @@ import numpy as np
 
 from eomgen.robot.value import PRINCIPAL, Coordinate, Motor, Robot
 from tests.oracles.force_laws import KINDS, LawOracle, random_coordinate, resistance, stored
-from tests.support.random_robots import Array, State, random_robot, state_of_coordinates, with_states_of_laws
+from tests.support.random_robots import Array, State, random_robot, state_of_coordinates, with_internal_states
 
 TYPES = ("revolute", "prismatic", "fixed")
 STIFF = Coordinate(stiffness=60.0, damping=2.0)
@@ -93,7 +93,7 @@ def motor_state(robot: Robot, seed: int) -> State:
         q[gear.at] = gear.motor.ratio * (q[gear.principal] + rng.uniform(-0.5, 0.5))
         v[gear.at] = gear.motor.ratio * (v[gear.principal] + rng.uniform(-1.0, 1.0))
         a[gear.at], u[gear.at] = rng.uniform(-2.0, 2.0, 2)
-    return with_states_of_laws(robot, State(q, v, a, u), rng)
+    return with_internal_states(robot, State(q, v, a, u), rng)
 
 
 class MotorOracle:

@@ -138,13 +138,13 @@ def seeds(first: int, quick: int, all_of_them: int) -> list[Any]:
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
     """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2.
 
-    Behind the coordinates stand states of laws, as in a kernel's arrays.
+    Behind the coordinates stand internal states, as in a kernel's arrays.
     """
     rng = np.random.default_rng(seed)
-    return with_states_of_laws(robot, state_of_coordinates(robot, rng), rng)
+    return with_internal_states(robot, state_of_coordinates(robot, rng), rng)
 
 
-def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> State:
+def with_internal_states(robot: Robot, s: State, rng: np.random.Generator) -> State:
     """The state with random ones of laws behind it, of their sizes; the arrays as they are without any."""
     laws = [c.law() for joint in robot.joints for c in joint.all_coordinates.values()]
     sizes = np.array([state.size(law) for law in laws for _, state in states_of(law)])
@@ -156,7 +156,7 @@ def with_states_of_laws(robot: Robot, s: State, rng: np.random.Generator) -> Sta
 
 
 def inner_states_of_drives(robot: Robot) -> list[int]:
-    """Places among states of laws of those of drives, but for the first of each, where a force beside it stands."""
+    """Places among internal states of those of drives, but for the first of each, where a force beside it stands."""
     model = build_model(robot)
     n = len(model.coordinates)
     return [k - n for states in model.drives.values() for k in states[1:]]

@@ -22,7 +22,7 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
 from tests.support import simt
-from tests.support.random_robots import State, span, with_states_of_laws
+from tests.support.random_robots import State, span, with_internal_states
 
 ROUNDED = {"exp", "log", "atan2"}  # operations whose last bits are the device's
 CLOSING = ("settling", "cut_poses", "constraint", "constraint_jacobian")  # what assembles loops
@@ -123,7 +123,7 @@ class Subject:
             for label, x in zip(meta["reads"], drawn, strict=True)
         }
         if name in ROLLOUTS:
-            made["u"][:, len(self.model.coordinates) :] = 0.0  # of states of laws, on which nothing acts in a motion
+            made["u"][:, len(self.model.coordinates) :] = 0.0  # of internal states, on which nothing acts in a motion
         return list(made.values())
 
     def answers(self, languages: Sequence[str] = ALL) -> Iterator[Answer]:
@@ -186,7 +186,7 @@ def _states(subject: Subject, near: Near | None) -> dict[str, Array]:
     drawn = []
     for _ in range(simt.COUNT):
         q, *others = rng.uniform(-1.0, 1.0, (4, len(spans)))
-        drawn.append(with_states_of_laws(subject.robot, State(q * spans, *(2.0 * x for x in others)), rng))
+        drawn.append(with_internal_states(subject.robot, State(q * spans, *(2.0 * x for x in others)), rng))
     states = {label: np.stack([getattr(s, label) for s in drawn]).astype(kernel.dtype) for label in "qvau"}
     if model.constraints:
         n = len(model.coordinates)
@@ -217,7 +217,7 @@ def expected(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Any, A
 
 
 def _rolled(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Array, ...]:
-    """Return where the kernel's steps lead; states of laws behind velocities."""
+    """Return where the kernel's steps lead; internal states behind velocities."""
     n = len(kernel.coordinates)
     q, v, u = (x[:, :n] for x in arrays)
     z = {"z": arrays[1][:, n:]} if kernel.internal_states else {}

@@ -75,7 +75,7 @@ def step(
 ) -> Any:
     """Return a ``casadi.Function`` of the next state, x_next = F(x, u) or F(x, u, p), in C without Python.
 
-    x is q, then v with states of laws behind it; u acts on ``drives`` and is held over the step; p are ``parameters``,
+    x is q, then v with internal states behind it; u acts on ``drives`` and is held over the step; p are ``parameters``,
     all others those that the kernel has now.  Derivatives of first order are exact for the steps taken, as those of
     ``kernel.rollout_sensitivity``: Jacobians, and products with their transposes.  Where the mass matrix cannot be
     inverted, or a mechanism does not close, the evaluation fails; NaN goes through.

@@ -109,7 +109,7 @@ class MatrixRule(Rule):
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         n = f.kernel.n
         blocks, part = f.kernel.blocks(np.zeros(n, f.kernel.dtype)), slice(len(f.kernel.coordinates))
-        mass, symbols = np.eye(n, dtype=np.bool_), np.zeros((n, n, n), np.bool_)  # states of laws stand by themselves
+        mass, symbols = np.eye(n, dtype=np.bool_), np.zeros((n, n, n), np.bool_)  # internal states stand by themselves
         mass[part, part], symbols[part, part, part] = blocks.mass.mask, blocks.christoffel.mask
         return mass, [symbols | np.swapaxes(symbols, 0, 1)]
 
@@ -136,7 +136,7 @@ class TangentRule(Rule):
 
 
 class EnergyRule(TangentRule):
-    """Directional derivatives; potential energy changes with states of laws alone among the rates, kinetic does not."""
+    """Directional derivatives; of the rates, potential energy has those of internal states alone, kinetic no such."""
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         whole, blocks = super().patterns(f)

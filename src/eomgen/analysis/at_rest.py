@@ -17,7 +17,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.singular import inertias
 from ..shown import Shown
 from ..state.drives import drives_at_rest
-from ..state.law_states import at_rest_with, refuse_moving
+from ..state.internal_states import at_rest_with, refuse_moving
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
@@ -36,7 +36,7 @@ class RestState(Shown):
     """A static equilibrium.
 
     Attributes:
-        q: coordinates, (n,), n the kernel's: with room for states of laws behind them.
+        q: coordinates, (n,), n the kernel's: with room for internal states behind them.
         u: forces that hold it, (n,), N or N m: of drives, and of what is held.
         multipliers: of the loops' constraint, (constraints,).
         tangent: derivatives there, gains of drives not among them.
@@ -58,7 +58,7 @@ def rest(
     *,
     sagging: bool = False,
 ) -> RestState:
-    """Return the static equilibrium near q, (n,); states of laws stay as ``fixation.z`` has them.
+    """Return the static equilibrium near q, (n,); internal states stay as ``fixation.z`` has them.
 
     Args:
         kernel: float64, with the kernels of ``options.KERNELS`` and ``mechanism_kernels``.
@@ -136,7 +136,7 @@ def _rest_state(
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
     reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
-    u[len(kernel.coordinates) :] = 0.0  # nothing drives states of laws
+    u[len(kernel.coordinates) :] = 0.0  # nothing drives internal states
     slopes = tangent(kernel, q, rates, zero, loads, multipliers)
     notes = notes_of_play(kernel, q)
     basis, independent = moving_basis(kernel, q, ~still)

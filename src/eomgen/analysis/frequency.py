@@ -149,7 +149,7 @@ def response(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
         inputs: drives ("joint1.gamma", that are not locked) and components of wrenches ("tcp.fz"); see ``ports``.
-        outputs: coordinates ("joint1.x"), components of a frame's motion ("tcp.x", "tcp.rz") and states of laws
+        outputs: coordinates ("joint1.x"), components of a frame's motion ("tcp.x", "tcp.rz") and internal states
             ("joint1.x.friction.z").
         frequencies: (F,), Hz, at least 0.
         pose: see ``holding.pose_of``.
@@ -261,7 +261,7 @@ def transfer_function(A: Array, B: Array, C: Array, D: Array, hertz: Array) -> C
 def _solved(system: LinearSystem, whole: Array, outputs: Array, hertz: Array) -> Complex:
     """Return rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size.
 
-    States of laws stand behind the coordinates; those that stick, and that no input drives, hold as springs.
+    Internal states stand behind the coordinates; those that stick, and that no input drives, hold as springs.
 
     Args:
         system: about a static equilibrium.
@@ -269,25 +269,25 @@ def _solved(system: LinearSystem, whole: Array, outputs: Array, hertz: Array) ->
         outputs: by coordinates and states, (outputs, kernel.n).
         hertz: frequencies, (F,).
     """
-    forces, rows, of_laws = system.basis.T @ whole, outputs @ system.basis, outputs[:, system.memory.places]
+    forces, rows, of_laws = system.basis.T @ whole, outputs @ system.basis, outputs[:, system.internal_states.places]
     if not system.independent:
         return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
-    sticks = system.memory.stick & ~system.memory.rates_by(whole).any(axis=1)
-    rows, of_laws = rows + of_laws[:, sticks] @ system.memory.by_v[sticks], of_laws[:, ~sticks]
+    sticks = system.internal_states.stick & ~system.internal_states.rates_by(whole).any(axis=1)
+    rows, of_laws = rows + of_laws[:, sticks] @ system.internal_states.by_v[sticks], of_laws[:, ~sticks]
     system = system.condensed(sticks)
-    memory, driven = system.memory, system.memory.rates_by(whole)
+    internal_states, driven = system.internal_states, system.internal_states.rates_by(whole)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     M, D, K = (matrix * np.outer(size, size) for matrix in (system.M, system.D, system.K))
     heft, largest = system.hefts(), float(np.linalg.norm(K, 2))
-    speed = np.sqrt(largest) or 1.0  # by which states of laws are as large as coordinates
+    speed = np.sqrt(largest) or 1.0  # by which internal states are as large as coordinates
     right = np.vstack([size[:, np.newaxis] * forces, heft[:, np.newaxis] * driven])
     result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     for k, w in enumerate(2.0 * np.pi * hertz):
         Z = K - w * w * M + 1j * w * D
-        if memory.names:
-            acts = memory.acts * np.outer(size, speed / heft)
-            led = (memory.by_q + 1j * w * memory.by_v) * np.outer(heft, size)
-            own = (1j * w * np.eye(len(heft)) - memory.by_z) * np.outer(heft, speed / heft)
+        if internal_states.names:
+            acts = internal_states.acts * np.outer(size, speed / heft)
+            led = (internal_states.by_q + 1j * w * internal_states.by_v) * np.outer(heft, size)
+            own = (1j * w * np.eye(len(heft)) - internal_states.by_z) * np.outer(heft, speed / heft)
             Z = np.block([[Z, acts], [-led, own]])
         values = np.linalg.svd(Z, compute_uv=False)
         if values[-1] <= ROUND_OFF * len(Z) * max(values[0], largest):

@@ -11,15 +11,15 @@ from ..arrays import Array, Mask
 from ..errors import ArrayError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show, split_state
+from ..robot.internal_states.branches import BRANCHES
+from ..robot.internal_states.drives import DRIVE
 from ..robot.laws import LAWS, has_springs
-from ..robot.memory.branches import BRANCHES
-from ..robot.memory.drives import DRIVE
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.elements import cut_matrices, joint_stiffness
+from ..state.internal_states import StatesLike, kept_note, state_values
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts
-from ..state.law_states import StatesLike, kept_note, state_values
 from ..state.motors import acting, deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
@@ -34,7 +34,7 @@ SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 class Fixation:
     """Fixed coordinates of an analysis, and the gains of drives.
 
-    Arrays are of the length n of the kernel's: states of laws behind the coordinates are still and locked.
+    Arrays are of the length n of the kernel's: internal states behind the coordinates are still and locked.
 
     Attributes:
         drives: "locked", "free" or "pd".
@@ -42,7 +42,7 @@ class Fixation:
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
         kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
-        z: states of laws at the state, (m,).
+        z: internal states at the state, (m,).
         notes: lines about what was assumed.
     """
 
@@ -79,17 +79,17 @@ def fixation_of(
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
-        z: states of laws, (m,), or by name; 0 by default.
+        z: internal states, (m,), or by name; 0 by default.
 
     Raises:
-        InputError: an option is unknown, a gain missing or negative, or there is no law with a state.
+        InputError: an option is unknown, a gain missing or negative, or there is no law with internal states.
         UnknownNameError: a name is no coordinate, or no state.
     """
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
     model, names = build_model(robot), kernel.velocities
-    driven, memory = _mask(names, model.driven), np.isin(names, kernel.internal_states)
-    prescribed = _mask(names, model.prescribed) | memory
+    driven, internal_states = _mask(names, model.driven), np.isin(names, kernel.internal_states)
+    prescribed = _mask(names, model.prescribed) | internal_states
     notes: list[str] = []
     if held is not None:
         chosen = list(held)

@@ -15,7 +15,7 @@ from ..pipeline.building import build
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
 from ..state.drives import has_drives
-from ..state.law_states import state_rates
+from ..state.internal_states import state_rates
 from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import notes_of_play

@@ -40,7 +40,7 @@ class StateSpace(Shown, Saved):
     Attributes:
         robot: the robot's name.
         A, B, C, D: (2m + p, 2m + p), (2m + p, inputs), (outputs, 2m + p), (outputs, inputs); SI units, rad.
-        states: names, 2m + p: the m independent coordinates, their rates ("joint1.gamma.rate"), then p states of laws
+        states: names, 2m + p: the m independent coordinates, their rates ("joint1.gamma.rate"), then p internal states
             ("joint1.gamma.friction.z"), those of locked coordinates left out.
         inputs, outputs: names, see ``ports``.
         kind: of the outputs: displacement, velocity or acceleration.
@@ -48,7 +48,7 @@ class StateSpace(Shown, Saved):
         coordinates: names of all coordinates, n.
         q, v, a, u: the state about which it is, (n,) each; u of servo drives as ``Kernel.inputs`` has it, where it was
             given or a static equilibrium says it, else the force.
-        memory, z: names of all states of laws, and the states about which it is, (m,).
+        internal_states, z: names of all internal states, and the states about which it is, (m,).
         notes: lines about what was assumed.
     """
 
@@ -67,7 +67,7 @@ class StateSpace(Shown, Saved):
     v: Annotated[Array, Stored(("n",), "m/s, rad/s", unknown=True)]
     a: Annotated[Array, Stored(("n",), "m/s^2, rad/s^2", unknown=True)]
     u: Annotated[Array, Stored(("n",), "N, N m", unknown=True)]
-    memory: Annotated[tuple[str, ...], Stored(("s",), of=str, otherwise=())] = ()
+    internal_states: Annotated[tuple[str, ...], Stored(("s",), of=str, otherwise=())] = ()
     z: Annotated[Array, Stored(("s",), "m, rad", unknown=True, otherwise=NO_STATES)] = field(
         default_factory=lambda: NO_STATES
     )
@@ -125,8 +125,8 @@ class StateSpace(Shown, Saved):
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
         state = {name: dict(zip(self.coordinates, getattr(self, name).tolist(), strict=True)) for name in "qvau"}
-        if self.memory:
-            state["z"] = dict(zip(self.memory, self.z.tolist(), strict=True))
+        if self.internal_states:
+            state["z"] = dict(zip(self.internal_states, self.z.tolist(), strict=True))
         return {
             "robot": self.robot,
             **{name: getattr(self, name).tolist() for name in "ABCD"},
@@ -137,11 +137,11 @@ class StateSpace(Shown, Saved):
 
     def lines(self) -> list[str]:
         """Return sizes, names and eigenvalues for people."""
-        moving = sum(name not in self.memory for name in self.states) // 2
+        moving = sum(name not in self.internal_states for name in self.states) // 2
         lines = [
             f"{self.robot}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs",
             f"  states: {', '.join(self.states[:moving])}, and their rates",
-            *([f"  states of laws: {', '.join(behind)}"] if (behind := self.states[2 * moving :]) else []),
+            *([f"  internal states: {', '.join(behind)}"] if (behind := self.states[2 * moving :]) else []),
             f"  inputs: {', '.join(self.inputs)}",
             f"  outputs: {', '.join(self.outputs)} ({self.kind})",
         ]
@@ -241,7 +241,7 @@ def state_space(
     """
     kernel, m = system.kernel, len(system.independent)
     moving = bool(system.v[: len(kernel.coordinates)].any() or system.a[: len(kernel.coordinates)].any())
-    whole, laws = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, fixation), system.memory
+    whole, laws = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, fixation), system.internal_states
     p, n = len(laws.names), len(kernel.coordinates)
     forces = np.linalg.solve(system.M, system.basis.T @ whole)
     lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D, laws.acts]))
@@ -257,7 +257,7 @@ def state_space(
         C = np.hstack([rates, rows, np.zeros_like(of_laws)]) + of_laws @ A[2 * m :]
         D = of_laws @ B[2 * m :]
     elif states := [name for name in outputs if name in kernel.internal_states]:
-        raise InputError(f"kind: 'acceleration' of {states[0]}, a law's state; allowed: displacement, velocity")
+        raise InputError(f"kind: 'acceleration' of {states[0]}, an internal state; allowed: displacement, velocity")
     elif moving:
         raise InputError("kind: 'acceleration' about a motion; allowed: displacement, velocity (accelerations at rest)")
     else:
@@ -278,7 +278,7 @@ def state_space(
         v=system.v[:n],
         a=system.a[:n],
         u=system.u[:n],
-        memory=kernel.internal_states,
+        internal_states=kernel.internal_states,
         z=system.v[n:],
         notes=system.notes,
     )

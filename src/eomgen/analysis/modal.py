@@ -1,8 +1,8 @@
 """Natural frequencies, damping ratios and mode shapes about a static equilibrium, at a pose and along a path.
 
 About a static equilibrium small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
-e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.  States z of
-laws stand behind, as sqrt(w) z; those that stick (``state.law_states``) are springs, and each has an eigenvalue of 0.
+e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.  Internal
+states stand behind, as sqrt(w) z; those that stick (``state.internal_states``) are springs, each with an eigenvalue 0.
 """
 
 from __future__ import annotations
@@ -95,12 +95,12 @@ def modes_along(
 
 def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str) -> Modes:
     """Return the modes of a linear system at rest, whose derivatives are ``tangents``; ``frame`` is a frame's name."""
-    n, sticks = len(system.kernel.coordinates), system.memory.stick
+    n, sticks = len(system.kernel.coordinates), system.internal_states.stick
     eigenvalues, scaled, undamped, resolution = _solved(system.condensed())
     scaled, live = scaled[: len(system.independent)], scaled[len(system.independent) :]
     shapes = scaled.T @ system.basis.T
     states = np.empty((len(shapes), sticks.size), dtype=np.complex128)
-    states[:, ~sticks], states[:, sticks] = live.T, scaled.T @ system.memory.by_v[sticks].T
+    states[:, ~sticks], states[:, sticks] = live.T, scaled.T @ system.internal_states.by_v[sticks].T
     strained = _shares(shapes, tangents.K + np.diag(arm.fixation.kp))
     strained[eigenvalues == 0.0] = 0.0
     return Modes(
@@ -113,9 +113,9 @@ def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str
         frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
         undamped=undamped,
         resolution=resolution,
-        memory=system.memory.names,
+        internal_states=system.internal_states.names,
         states=states,
-        zeros=tuple(np.array(system.memory.names, dtype=np.str_)[sticks].tolist()),
+        zeros=tuple(np.array(system.internal_states.names, dtype=np.str_)[sticks].tolist()),
         notes=system.notes,
         strain_energy=strained[:, :n],
         kinetic_energy=_shares(shapes, tangents.M)[:, :n],
@@ -134,9 +134,9 @@ def _shares(shapes: Complex, matrix: Array) -> Array:
 def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
     """Return eigenvalues, motions in columns, undamped frequencies and resolution; no state sticks in the system.
 
-    Motions are those of independent coordinates and, behind them, of states of laws, scaled as ``Modes`` has them.
+    Motions are those of independent coordinates and, behind them, of internal states, scaled as ``Modes`` has them.
     """
-    m, laws = len(system.independent), system.memory
+    m, laws = len(system.independent), system.internal_states
     if not m:
         return np.zeros(0, complex), np.zeros((len(laws.names), 0), complex), np.zeros(0), 0.0
     L: Array = np.asarray(np.linalg.cholesky(system.M))
@@ -167,7 +167,7 @@ def _solved(system: LinearSystem) -> tuple[Complex, Complex, Array, float]:
 
 
 def _normalised(vectors: Complex, m: int, per_state: Array) -> Complex:
-    """Return scaled coordinates of norm 1 over states of laws, from eigenvectors; of states alone these have norm 1."""
+    """Return scaled coordinates of norm 1 over internal states, from eigenvectors; of states alone, these."""
     size = np.linalg.norm(vectors[:m], axis=0)
     behind = vectors[2 * m :] / per_state[:, np.newaxis]
     if len(behind):
@@ -180,10 +180,10 @@ def _normalised(vectors: Complex, m: int, per_state: Array) -> Complex:
 def _rigid(system: LinearSystem, L: Array, speed: float) -> tuple[Array, int]:
     """Return rigid-body modes and how many eigenvalues are 0.
 
-    The modes are an orthonormal basis of the null space of S in columns, with states of laws behind the coordinates.  A
-    mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
+    The modes are an orthonormal basis of the null space of S in columns, with internal states behind the coordinates.
+    A mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
     """
-    m, laws = len(system.independent), system.memory
+    m, laws = len(system.independent), system.internal_states
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     static, braking = (matrix * np.outer(size, size) for matrix in (system.K, system.D))
     largest = float(np.abs(system.D).max() * size.max() ** 2)

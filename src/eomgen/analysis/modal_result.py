@@ -36,7 +36,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
         frame_shapes: its displacement and rotation, (m, 6), base frame, m and rad, in the scale of ``shapes``.
         undamped: natural frequencies without dampers, Hz, of the symmetric K; negative where it is unstable.
         resolution: Hz; slower oscillations cannot be told from rigid-body modes, whose frequency is 0.
-        memory: names of states of laws, p, those of locked coordinates left out.
+        internal_states: names of internal states, p, those of locked coordinates left out.
         states: what they do in the scale of ``shapes``, (m, p), complex; a mode in which only they move has a shape of
             zeros.
         zeros: those of them that stick, as bristles do at rest: they are springs in the modes, and each has an
@@ -56,7 +56,7 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
     undamped: Array
     resolution: float
     notes: tuple[str, ...]
-    memory: tuple[str, ...] = ()
+    internal_states: tuple[str, ...] = ()
     states: Complex = field(default_factory=lambda: np.zeros((0, 0), dtype=np.complex128))
     zeros: tuple[str, ...] = ()
     strain_energy: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -113,14 +113,14 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
                     **{name: {owner: float(x[k]) for owner, x in parts.items()} for name, parts in energies.items()},
                 }
             )
-            if self.memory:
-                rows[-1]["states"] = dict(zip(self.memory, _pairs(self.states[k]), strict=True))
+            if self.internal_states:
+                rows[-1]["states"] = dict(zip(self.internal_states, _pairs(self.states[k]), strict=True))
         return {
             "robot": self.robot,
             "q": dict(zip(self.coordinates, self.q.tolist(), strict=True)),
             "frame": self.frame,
             "modes": rows,
-            **({"zeros": list(self.zeros)} if self.memory else {}),
+            **({"zeros": list(self.zeros)} if self.internal_states else {}),
             "undamped": self.undamped.tolist(),
             "resolution": self.resolution,
             "notes": list(self.notes),
@@ -142,8 +142,8 @@ class Modes(Plotting, Shown, Tabular, plot="plot_mode_shapes"):
             moved,
         ]
         columns += [TableColumn(x, "1", getattr(self, x), self.coordinates, "coordinate") for x in self._energies_known]
-        if self.memory:
-            columns.append(TableColumn("states", "m or rad", self.states, self.memory, "state"))
+        if self.internal_states:
+            columns.append(TableColumn("states", "m or rad", self.states, self.internal_states, "state"))
         about = {"robot": self.robot, "frame": self.frame}
         return Rows("mode", "1", np.arange(1, len(self.eigenvalues) + 1), columns, about)
 

@@ -20,7 +20,7 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.law_states import StatesLike, joined_vector
+from ..state.internal_states import StatesLike, joined_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 FrameLoads = Mapping[str, ArrayLike]

@@ -57,7 +57,7 @@ def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) ->
     """Return displacements of the outputs per change of coordinates, (outputs, n), and their rate along the motion.
 
     An output is a coordinate's name, a frame or link with a component of its motion, base frame ("tcp.x", "tcp.rz"), or
-    a state of a law ("joint1.gamma.friction.z"), whose column stands at its place among ``Kernel.velocities``.  With J
+    an internal state ("joint1.gamma.friction.z"), whose column stands at its place among ``Kernel.velocities``.  With J
     the first matrix and J' the second, velocities change by J dv + J' dq.
 
     Raises:
@@ -85,9 +85,9 @@ def checked_kind(kind: str) -> str:
 
 
 def units_of_outputs(kernel: Kernel, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the units of outputs as displacements: "m", "rad", and of states of laws their own."""
-    memory = dict(zip(kernel.internal_states, kernel.internal_state_units, strict=True))
-    return tuple(memory[name] if name in memory else unit_of(name) for name in names)
+    """Return the units of outputs as displacements: "m", "rad", and of internal states their own."""
+    internal_states = dict(zip(kernel.internal_states, kernel.internal_state_units, strict=True))
+    return tuple(internal_states[name] if name in internal_states else unit_of(name) for name in names)
 
 
 def per_time(unit: str, kind: str) -> str:
@@ -100,7 +100,7 @@ def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> t
     if component in parts and frame in kernel.frames:
         return frame, parts.index(component)
     laws = (
-        f", a state of a law ({', '.join(kernel.internal_states)})"
+        f", an internal state ({', '.join(kernel.internal_states)})"
         if kernel.internal_states and label == "output"
         else ""
     )

@@ -24,11 +24,11 @@ from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
 from ..state.drives import is_of_drive, stores_energy
-from ..state.law_states import LawStates, slopes_of, states_of, zero_note
+from ..state.internal_states import InternalStates, slopes_of, states_of, zero_note
 from .holding import Fixation
 
 SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
-SWEEPS = 10  # of balancing states of laws
+SWEEPS = 10  # of balancing internal states
 BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
 
 
@@ -70,7 +70,7 @@ def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
 
 
 class MotionState(NamedTuple):
-    """State of a motion: q, v, a and the drives u that make it, (n,) each; n is the kernel's, with states of laws."""
+    """State of a motion: q, v, a and the drives u that make it, (n,) each; n is the kernel's, with internal states."""
 
     q: Array
     v: Array
@@ -163,7 +163,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
 
 
 def _is_of_free_drive(state: str, independent: Container[str]) -> bool:
-    """Tell whether a state of a law is one of a drive whose coordinate is among the independent ones."""
+    """Tell whether an internal state is one of a drive whose coordinate is among the independent ones."""
     return is_of_drive(state) and split_state(state)[0] in independent
 
 
@@ -185,18 +185,18 @@ def _basis_rates(
 class LinearSystem(Shown):
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
 
-    With states of laws, ``memory``, they resist by F dz on the left side.
+    With internal states, ``internal_states``, they resist by F dz on the left side.
 
     Attributes:
         kernel: of the robot.
-        q, v, a: the state, (n,) each, n the kernel's: with states of laws in v, their rates in a.
+        q, v, a: the state, (n,) each, n the kernel's: with internal states in v, their rates in a.
         u: drives there, (n,), as ``Kernel.inputs`` has them, or forces where only these are known; held forces, N or
             N m.
         independent: names of the independent coordinates, m.
         basis: change of all coordinates per independent one, (n, m).
         basis_rate: of it along the motion, (n, m); 0 at rest and without loops.
         M, D, K: (m, m).
-        memory: states of laws, without those of what is locked.
+        internal_states: internal states, without those of what is locked.
         notes: lines about what was assumed.
         inputs: of drives with states, (n,); None: they are within their limits.
     """
@@ -212,16 +212,16 @@ class LinearSystem(Shown):
     M: Array
     D: Array
     K: Array
-    memory: LawStates
+    internal_states: InternalStates
     notes: tuple[str, ...]
     inputs: Array | None = None
 
     def hefts(self) -> Array:
-        """Return factors that make states of laws as large as rates of coordinates, (p,).
+        """Return factors that make internal states as large as rates of coordinates, (p,).
 
         They are sqrt(w); of states that store no energy those by which what they act with and what moves them is alike.
         """
-        laws, size = self.memory, 1.0 / np.sqrt(np.diagonal(self.M))
+        laws, size = self.internal_states, 1.0 / np.sqrt(np.diagonal(self.M))
         factors = np.sqrt(laws.inertia)
         light = np.flatnonzero([not stores_energy(name) for name in laws.names])
         factors[light] = 1.0
@@ -237,11 +237,11 @@ class LinearSystem(Shown):
 
     def condensed(self, mask: Mask | None = None) -> LinearSystem:
         """Return the system in which states that stick hold as springs do, those of the mask, or all."""
-        which = self.memory.stick if mask is None else mask
+        which = self.internal_states.stick if mask is None else mask
         if not which.any():
             return self
-        stiffness = self.memory.acts[:, which] @ self.memory.by_v[which]
-        return replace(self, K=self.K + stiffness, memory=self.memory.without(which))
+        stiffness = self.internal_states.acts[:, which] @ self.internal_states.by_v[which]
+        return replace(self, K=self.K + stiffness, internal_states=self.internal_states.without(which))
 
 
 def reduced(
@@ -289,12 +289,12 @@ def reduced(
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     every = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate)
-    memory = every.taking_part()
-    idle = [name for name in every.names if name not in memory.names and _is_of_free_drive(name, names)]
+    internal_states = every.taking_part()
+    idle = [name for name in every.names if name not in internal_states.names and _is_of_free_drive(name, names)]
     if idle:
         said = "their loops are at a limit, where nothing moves them and they act on nothing"
         notes = (*notes, f"states of drives are left out, {', '.join(idle)}: {said}")
-    sticks = zip(memory.names, memory.stick, strict=True)
+    sticks = zip(internal_states.names, internal_states.stick, strict=True)
     sticking = [name for name, stays in sticks if stays and not is_of_drive(name)]
     if sticking:
         notes = (*notes, zero_note(sticking))
@@ -307,6 +307,6 @@ def reduced(
         M=M,
         D=D,
         K=K,
-        memory=memory,
+        internal_states=internal_states,
         notes=(*fixation.notes, *notes),
     )

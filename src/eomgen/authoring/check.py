@@ -19,7 +19,7 @@ from ..forms.structure import faults
 from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
 from ..forms.unusual_sizes import quantities_in, unit_note
-from ..robot.memory.drives import short_time_notes
+from ..robot.internal_states.drives import short_time_notes
 from ..robot.model import build_model
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan

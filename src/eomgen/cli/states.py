@@ -282,7 +282,7 @@ def _add_state(
     add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
     parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
     add_names(parser, "--set", "NAME=VALUE", "parameters, such as gravity.z=0", dest="parameters")
-    add_names(parser, "--state", "NAME=VALUE", "states of laws, such as j1.gamma.friction.z=1e-5 (0)", dest="states")
+    add_names(parser, "--state", "NAME=VALUE", "internal states, such as j1.gamma.friction.z=1e-5 (0)", dest="states")
     add_json(parser)
 
 

@@ -67,8 +67,8 @@ def checked_step(
 class DiscreteStep:
     """A step of a robot's motion as a function of the state x at its beginning, drives u and parameters p.
 
-    x is q, then v with states of laws behind it; drives are held, and parameters which are not named are those that the
-    kernel has now.
+    x is q, then v with internal states behind it; drives are held, and parameters which are not named are those of
+    the kernel now.
 
     Attributes:
         kernel: of the robot.
@@ -113,7 +113,7 @@ class DiscreteStep:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the numbers of x: those of coordinates, then those of velocities, with states of laws behind."""
+        """Names of the numbers of x: those of coordinates, then those of velocities, with internal states behind."""
         return (*self.kernel.coordinates, *self.kernel.velocities)
 
     @property

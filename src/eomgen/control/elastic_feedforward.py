@@ -87,9 +87,9 @@ def feedforward(
         progress: called with a line of text when a stage of building begins.
 
     Raises:
-        InputError: the motion is not smooth enough, a gear has backlash, memory or no spring, a gear without a damper
-            passes a jump of its spring's slope, a coordinate has no drive and a stable inversion does not determine
-            it; each by its name.
+        InputError: the motion is not smooth enough, a gear has backlash, internal states or no spring, a gear without a
+            damper passes a jump of its spring's slope, a coordinate has no drive and a stable inversion does not
+            determine it; each by its name.
         LoopError: loops do not close along the motion.
         IntegrationError: a stable inversion does not converge.
     """
@@ -241,7 +241,7 @@ def _loose(robot: Robot, links: Robot) -> list[str]:
 
 
 def check_flat(robot: Robot, links: Robot, full: Kernel) -> None:
-    """Refuse coordinates without drives, drives that take no forces, and laws with states, by name."""
+    """Refuse coordinates without drives, drives that take no forces, and laws with internal states, by name."""
     loose = _loose(robot, links)
     if loose:
         raise InputError(
@@ -261,7 +261,7 @@ def _check_driven(robot: Robot, links: Robot) -> None:
 
 
 def _check_forces(robot: Robot, full: Kernel) -> None:
-    """Refuse drives that take no forces, and laws with states, by name."""
+    """Refuse drives that take no forces, and laws with internal states, by name."""
     if full.internal_states:
         raise InputError(
             f"{robot.name}: laws have the states {listed(full.internal_states)}; allowed for feed-forward: robots whose"

@@ -123,7 +123,7 @@ def gears_of(robot: Robot) -> Gears | None:
     """Return the transmissions of a robot's motors; None without motors.
 
     Raises:
-        InputError: a transmission whose motor does not follow from its force: with backlash or memory, or no spring.
+        InputError: a motor does not follow from its transmission's force: with backlash, internal states or no spring.
     """
     joints = tuple(joint for joint in robot.joints if joint.motor is not None)
     if not joints:
@@ -156,11 +156,11 @@ def _check_invertible(joint: Joint) -> None:
             f"{where}.clearance: {law.clearance:g}: within its backlash no motor's angle makes a force; allowed for"
             " feed-forward: transmissions without clearance"
         )
-    memory = sorted(key for key in numbers if key.startswith(("hysteresis", "maxwell")))
-    if memory:
+    stateful = sorted(key for key in numbers if key.startswith(("hysteresis", "maxwell")))
+    if stateful:
         raise InputError(
-            f"{where}.{memory[0]}: its force depends on what was before; allowed for feed-forward: transmissions of"
-            " springs and dampers without memory"
+            f"{where}.{stateful[0]}: its force depends on what was before; allowed for feed-forward: transmissions of"
+            " springs and dampers without internal states"
         )
     springs = [x for key, x in numbers.items() if key not in ("damping", "preload", "stiffness_negative") and x]
     if not springs:

@@ -429,7 +429,7 @@ def observer(
     Of a closed mechanism q and v of independent coordinates are states, driven ones as far as they can be.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without states of laws, prescribed
+        robot: a Robot, the name of a built-in one, or the path of a description; without internal states, prescribed
             coordinates and joints with 3-DOF rotation.
         measure: sensors, "encoder:joint1.gamma,imu:tcp", or a Measurement with its noise.
         dt: length of a step, s.
@@ -520,7 +520,7 @@ def _independent(model: Model, parameters: Sequence[str]) -> Independent:
 def _refuse_what_filters_lack(model: Model) -> None:
     """Refuse robots whose states are not coordinates and velocities that move under forces."""
     lacks = {
-        "states of laws": model.internal_states,
+        "internal states": model.internal_states,
         "prescribed coordinates": model.prescribed,
         "joints with 3-DOF rotation": model.turning,
     }

@@ -100,7 +100,7 @@ class MomentumObserver:
 
         Raises:
             InputError: arguments of other types, numbers out of their range, or a robot whose external forces cannot be
-                told: with prescribed coordinates, or laws with states.
+                told: with prescribed coordinates, or laws with internal states.
             LoopError: loops do not close near the described home.
             UnknownNameError: a name that is no coordinate.
         """

@@ -18,10 +18,10 @@ from ..robot.elements.joint_element import MatrixElement, missing_table
 from ..robot.elements.joint_stiffness import JointStiffness
 from ..robot.elements.matrices import Rows, matrix_conflict
 from ..robot.geometry import ZERO
+from ..robot.internal_states.branches import BRANCHES
+from ..robot.internal_states.bristles import BRISTLES, LUGRE
+from ..robot.internal_states.drives import DRIVE, LOOPS
 from ..robot.laws import GAUSSIAN
-from ..robot.memory.branches import BRANCHES
-from ..robot.memory.bristles import BRISTLES, LUGRE
-from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.rules import ROTORS, coordinate_conflict
 from ..robot.value import COORDINATES, Coordinate, Curve, Motor, Placement
 from .keys import COORDINATE

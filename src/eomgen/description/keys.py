@@ -36,10 +36,10 @@ from ..robot.elements.joint_element import MatrixElement
 from ..robot.elements.matrices import ABOUT
 from ..robot.geometry import Placement, Vector
 from ..robot.inertia_policy import POLICIES
+from ..robot.internal_states import bouc_wen, branches, bristles
+from ..robot.internal_states.drives import DRIVE, LOOPS
 from ..robot.joint_types import CUTS, JOINT_TYPES, OWN_COORDINATES, SYNONYMS
 from ..robot.laws import POINTS
-from ..robot.memory import bouc_wen, branches, bristles
-from ..robot.memory.drives import DRIVE, LOOPS
 from ..robot.sections import SHAPES
 from ..robot.value import AXES, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, BeamModes
 from .matrix_files import ENDINGS
@@ -99,7 +99,7 @@ def _numbers(law: laws.Law) -> dict[str, Key]:
     }
     if law.name == "friction":
         keys["model"] = Choice(
-            "lugre: friction with a state; without it a function of the velocity", words=bristles.MODELS
+            "lugre: friction with an internal state; without it a function of the velocity", words=bristles.MODELS
         )
         keys["shape"] = Choice("of Stribeck's curve: lorentzian (as it is without) or gaussian", words=laws.SHAPES)
     if law.name == bouc_wen.WOUND:

@@ -22,9 +22,9 @@ from ..robot.bounds import Limits, limits_conflict
 from ..robot.elements import KINDS, Element, Spring
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.internal_states.bristles import active_above
 from ..robot.joint_types import OWN_COORDINATES
 from ..robot.mechanism import mechanism_conflict
-from ..robot.memory.bristles import active_above
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict, unmoved
 from ..robot.value import (

@@ -36,8 +36,8 @@ def export_acados(
 ) -> list[Path]:
     """Write NAME_acados.c and NAME_acados.py, whose function ``model`` makes an AcadosModel, and return their paths.
 
-    x is q, then v with states of laws behind it; u acts on the coordinates that have drives.  Derivatives are exact for
-    the steps taken; there are no second ones, so that acados takes Gauss-Newton Hessians.
+    x is q, then v with internal states behind it; u acts on the coordinates that have drives.  Derivatives are exact
+    for the steps taken; there are no second ones, so that acados takes Gauss-Newton Hessians.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.

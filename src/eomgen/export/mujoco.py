@@ -161,7 +161,7 @@ def mjcf(
 
 
 def _without_friction(robot: Robot) -> Robot:
-    """Return the robot as MuJoCo integrates it: Coulomb friction is a constraint there, states of laws are left out."""
+    """Return the robot as MuJoCo integrates it: Coulomb friction is a constraint there, without internal states."""
     joints = []
     for joint in robot.without_states().joints:
         coordinates = {k: replace(x, friction=_viscous(x.friction)) for k, x in joint.coordinates.items()}

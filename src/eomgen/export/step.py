@@ -13,9 +13,9 @@ from ..names import listed
 from ..pipeline.building import build
 from ..pipeline.mechanisms import assembled_home
 from ..progress import StageReport, no_report
+from ..robot.internal_states.branches import BRANCHES
+from ..robot.internal_states.drives import DRIVE
 from ..robot.laws import COARSE
-from ..robot.memory.branches import BRANCHES
-from ..robot.memory.drives import DRIVE
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -54,7 +54,7 @@ def _velocities(robot: Robot) -> list[Array]:
     unlimited = [owner for owner, _ in owners if limits.get(owner) is None]
     if unlimited:
         raise InputError(
-            f"step: states of laws of {listed(unlimited)} follow the faster, the faster these move, and there is no"
+            f"step: internal states of {listed(unlimited)} follow the faster, the faster these move, and there is no"
             " velocity limit; allowed: a step, limits of velocity, or another method than rk4"
         )
     fast = still.copy()

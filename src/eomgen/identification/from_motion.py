@@ -39,7 +39,7 @@ from ..state.springs import law_numbers
 from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .closed_motions import closed_motion
-from .relations import refuse_memory
+from .relations import refuse_internal_states
 from .rotating import rotation_derivatives
 from .stiffness.result import KEYS
 
@@ -267,7 +267,7 @@ def forces(
     if kernel is None:
         names = (*kernel_group(robot, FORCES_OF_MOTIONS), *mechanism_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
-    refuse_memory(kernel, "robots without, as robot.without_states() is")
+    refuse_internal_states(kernel, "robots without, as robot.without_states() is")
     motion = measured_motion(robot, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
     model = build_model(robot)

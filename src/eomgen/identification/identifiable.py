@@ -23,7 +23,7 @@ from ..results.contents import Contents
 from ..robot.coordinates import is_mode
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .relations import Relations, refuse_followers, refuse_memory, relations_of, tree_relations
+from .relations import Relations, refuse_followers, refuse_internal_states, relations_of, tree_relations
 
 TERMS = ("links", "rotors", "viscous", "dry", "offset")
 LINKS, ROTORS, FRICTION, TRANSMISSIONS, MODES = TERMS[0], TERMS[1], TERMS[2:], "transmissions", "modes"
@@ -165,7 +165,7 @@ def base_parameters(
     robot = as_robot(robot).with_constraints()
     kernel = kernel or build(robot.without_states(), kernels=BASE_PARAMETERS)
     refuse_followers(robot, kernel)
-    refuse_memory(kernel, "a kernel of robot.without_states()")
+    refuse_internal_states(kernel, "a kernel of robot.without_states()")
     is_tree = bool(robot.loops) or any(coupling.law is not None for coupling in robot.own_couplings)
     relations = (tree_relations if is_tree else relations_of)(robot, known)
     everything = np.ones(len(relations.free), dtype=np.bool_)

@@ -86,7 +86,7 @@ def refuse_followers(robot: Robot, kernel: Kernel) -> None:
         )
 
 
-def refuse_memory(kernel: Kernel, allowed: str) -> None:
+def refuse_internal_states(kernel: Kernel, allowed: str) -> None:
     """Raise InputError where laws of a kernel have states, which nobody has measured; with what is allowed."""
     if kernel.internal_states:
         owners = dict.fromkeys(split_state(name)[0] for name in kernel.internal_states)

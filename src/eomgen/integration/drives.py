@@ -1,4 +1,4 @@
-"""Constant drives; and drives, wrenches and records of coordinates, for arrays with states of laws behind these."""
+"""Constant drives; and drives, wrenches and records of coordinates, for arrays with internal states behind these."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None)
 
 @dataclass(frozen=True, eq=False)
 class DriveBesideStates:
-    """A drive of coordinates, (t, q, v) -> (n,), for arrays that have states of laws behind them.
+    """A drive of coordinates, (t, q, v) -> (n,), for arrays that have internal states behind them.
 
     Attributes:
         drive: that of coordinates.
@@ -116,7 +116,7 @@ def drive_beside_states(drive: DriveFunction | None, kernel: Kernel) -> DriveFun
 
 @dataclass(frozen=True, eq=False)
 class _WrenchBesideStates:
-    """A function (t, q, v) -> wrenches of coordinates, for arrays that have states of laws behind them."""
+    """A function (t, q, v) -> wrenches of coordinates, for arrays that have internal states behind them."""
 
     wrench: WrenchFunction
     n: int
@@ -137,7 +137,7 @@ def wrench_beside_states(
 
 
 def record_apart(record: Record | None, kernel: Kernel) -> Record | None:
-    """Return a function that passes states on to ``record`` as q, v, and states of laws; as it is without these."""
+    """Return a function that passes states on to ``record`` as q, v, and internal states; as it is without these."""
     if record is None or kernel.augmented is kernel:
         return record
     n, whole = kernel.n, kernel.augmented.n

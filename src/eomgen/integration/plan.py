@@ -192,7 +192,7 @@ def stiff_in_real_time(kernel: Kernel, q: Array) -> bool:
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
     """Say why a method must be implicit; empty where none need be.  Arguments as of ``choose_method``.
 
-    Stiff is any spring, any law with a state, and dampers and friction whose time constant, by the largest slopes of
+    Stiff is any spring, any internal state, and dampers and friction whose time constant, by the largest slopes of
     their laws and the inertia at q, is below 1 / ``STIFF`` of the duration: explicit steps are as short as that as long
     as the motion lasts, whatever moves.  Without the kernels that implicit methods need, dampers and friction are left
     to explicit ones.

@@ -47,7 +47,7 @@ class GlobalError(Shown):
     Attributes:
         coordinates: names, (n,).
         q_error, v_error: of coordinates and velocities, (T, n).
-        z_error: of states of laws, (T, states); None without any.
+        z_error: of internal states, (T, states); None without any.
         tool_error: of the tool's position, (T, 3), m, base frame; None where no tool is known.
         tool_rotation_error: angle by which the tool is turned wrongly, (T,), rad; None without a tool.
         unresolved: part of the largest error by which the estimate by one 30 times narrower differs, from 0 to
@@ -251,7 +251,7 @@ def global_error(
     check_kind(
         "trajectory", trajectory, isinstance(trajectory, Trajectory), "a Trajectory, of eomgen.integration.integrate"
     )
-    if trajectory.coordinates != kernel.coordinates or (trajectory.memory or ()) != kernel.internal_states:
+    if trajectory.coordinates != kernel.coordinates or (trajectory.internal_states or ()) != kernel.internal_states:
         got, allowed = listed(trajectory.coordinates), listed(kernel.coordinates)
         raise InputError(f"trajectory: is of {got}; allowed: a motion of {kernel.name}, of {allowed}")
     drive, wrench = drive_beside_states(drive_of(kernel, drive), kernel), wrench_beside_states(wrench, kernel)
@@ -273,7 +273,7 @@ def global_error(
 
 
 def error_of(kernel: Kernel, errors: Array, motions: ReferenceMotions) -> GlobalError:
-    """Return errors of a kernel's states, (T, 2n), beside its references, with those of states of laws apart."""
+    """Return errors of a kernel's states, (T, 2n), beside its references, with those of internal states apart."""
     n = len(kernel.coordinates)
     q, v, z = (
         np.ascontiguousarray(x) for x in (errors[:, :n], errors[:, kernel.n : kernel.n + n], errors[:, kernel.n + n :])

@@ -10,8 +10,8 @@ import numpy as np
 from ..arrays import Array, Mask
 from ..errors import check_kind
 from ..names import component_name
+from ..robot.internal_states.bristles import BRISTLES, sliding_force
 from ..robot.laws import SMOOTHING
-from ..robot.memory.bristles import BRISTLES, sliding_force
 from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
@@ -46,7 +46,7 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     Args:
         kernel: with the parameters of the motion.
         t: times, (T,), s.
-        q, v: coordinates and velocities with the states of laws behind them, (T, n).
+        q, v: coordinates and velocities with the internal states behind them, (T, n).
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     widths, intervals = smoothings(kernel), list[Rest]()

@@ -93,7 +93,7 @@ def integrate(  # noqa: PLR0913
             size of each coordinate: ``coordinate_sizes``; of a velocity that friction resists at most the smoothing of
             that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the shortest time constant, 1 /
-            the angular frequency of a spring, or the decay time by 1 / e of a damper or friction; of states of laws as
+            the angular frequency of a spring, or the decay time by 1 / e of a damper or friction; of internal states as
             they follow at the velocity of each sample.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  q0, v0 are the state at the first,

@@ -29,7 +29,7 @@ from .until import Reached
 
 Record = Callable[[Array, Array], None]
 
-DIFFERENCE = 1e-4  # of a law's state, or of its size: for the slope of its rate
+DIFFERENCE = 1e-4  # of an internal state, or of its size: for the slope of its rate
 MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
@@ -91,7 +91,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
 
 
 def _decay(kernel: Kernel, state: Array) -> float:
-    """Return how fast states of laws follow in (q, v), (2n,), 1/s: the largest eigenvalue of their rates' slopes.
+    """Return how fast internal states follow in (q, v), (2n,), 1/s: the largest eigenvalue of their rates' slopes.
 
     Of bristles that is sigma_0 |v| / g(v): it depends on the velocity, and no default for all of a motion is good.
     """
@@ -162,7 +162,7 @@ def rk4(
     """Fill the samples by the classical Runge-Kutta method of order 4, from y at the first of them.
 
     Args:
-        chosen: whether somebody chose the step; else it is shortened from sample to sample to what states of laws need.
+        chosen: whether somebody chose the step; else it is shortened from sample to sample as internal states need.
 
     Raises:
         SingularError: M cannot be inverted at the first state.

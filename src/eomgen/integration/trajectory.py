@@ -45,7 +45,7 @@ class Trajectory(Shown, Tabular):
         works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
             friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
-        z: states of laws, (T, states), by the names in ``memory``, in their ``memory_units``; None without any.
+        z: internal states, (T, states), by the names in ``internal_states``, in ``internal_state_units``; or None.
         input_units: of u where drives take something else than forces, (n,), see ``Kernel.inputs``; None without such.
     """
 
@@ -61,23 +61,23 @@ class Trajectory(Shown, Tabular):
     rests: tuple[Rest, ...] = ()
     works: Array | None = None
     z: Array | None = None
-    memory: tuple[str, ...] | None = None
-    memory_units: tuple[str, ...] | None = None
+    internal_states: tuple[str, ...] | None = None
+    internal_state_units: tuple[str, ...] | None = None
     input_units: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
 
     def apart(self, kernel: Kernel) -> Trajectory:
-        """Return the motion of a kernel's coordinates, and states of laws, which stood behind them in v, as ``z``."""
+        """Return the motion of a kernel's coordinates, and internal states, which stood behind them in v, as ``z``."""
         n = len(kernel.coordinates)
         if n == len(self.coordinates):
             return self
         q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
         names: dict[str, Any] = {
             "coordinates": kernel.coordinates,
-            "memory": kernel.internal_states,
-            "memory_units": kernel.internal_state_units,
+            "internal_states": kernel.internal_states,
+            "internal_state_units": kernel.internal_state_units,
         }
         inputs = {name: x for name, x in kernel.inputs.items() if name not in kernel.prescribed}  # there u has forces
         if any(not x.is_force for x in inputs.values()):
@@ -93,12 +93,12 @@ class Trajectory(Shown, Tabular):
         return tuple(np.hstack(pair) for pair in ((self.q, nothing), (self.v, self.z), (self.u, nothing)))  # type: ignore[return-value]
 
     def of(self, coordinate: str) -> Array:
-        """Return a coordinate or a law's state over time, (T,); InputError if there is none of that name."""
-        memory = self.memory or ()
-        if self.z is not None and coordinate in memory:
-            return self.z[:, memory.index(coordinate)]
+        """Return a coordinate or an internal state over time, (T,); InputError if there is none of that name."""
+        internal_states = self.internal_states or ()
+        if self.z is not None and coordinate in internal_states:
+            return self.z[:, internal_states.index(coordinate)]
         if coordinate not in self.coordinates:
-            known = ", ".join((*self.coordinates, *memory))
+            known = ", ".join((*self.coordinates, *internal_states))
             raise InputError(f"coordinate: {coordinate!r} is unknown; known: {known}")
         return self.q[:, self.coordinates.index(coordinate)]
 
@@ -125,7 +125,7 @@ class Trajectory(Shown, Tabular):
         return np.stack(list(by_joint.values()), axis=1) if by_joint else None
 
     def as_rows(self) -> Rows:
-        """Return a row per time: every coordinate, with .rate and .drive, states of laws, kinetic and potential energy.
+        """Return a row per time: every coordinate, .rate and .drive, internal states, kinetic and potential energy.
 
         Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
         """
@@ -143,8 +143,8 @@ def motion_columns(motion: Trajectory) -> dict[str, tuple[str, Array]]:
         columns[name], columns[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
         force = force_unit_of(name) if motion.input_units is None else motion.input_units[i]
         columns[f"{name}.drive"] = (force, motion.u[:, i])
-    units = motion.memory_units or ()
-    columns |= {name: (unit, motion.of(name)) for name, unit in zip(motion.memory or (), units, strict=True)}
+    units = motion.internal_state_units or ()
+    columns |= {name: (unit, motion.of(name)) for name, unit in zip(motion.internal_states or (), units, strict=True)}
     return columns | {name: ("", x) for name, x in quaternion_columns(motion.coordinates, motion.q).items()}
 
 

@@ -22,7 +22,7 @@ from ..state.equilibrium import (
     rest_within_limits,
     static_equilibrium,
 )
-from ..state.law_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
+from ..state.internal_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
 from ..state.vectors import Q_STEP
@@ -44,7 +44,7 @@ def closed_equilibrium(
 ) -> Array:
     """Return the static equilibrium near a guess, loops closed, (n,); without loops ``static_equilibrium``.
 
-    States of laws stay as they are, those of drives settle, as there.
+    Internal states stay as they are, those of drives settle, as there.
 
     Args:
         kernel: float64, with residual, mass_matrix and the constraint.
@@ -53,7 +53,7 @@ def closed_equilibrium(
             default.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (m,), or by name; 0 by default.
+        z: internal states, (m,), or by name; 0 by default.
 
     Raises:
         LoopError: the loops do not close near the guess.
@@ -99,7 +99,7 @@ class _Balance:
 
         Args:
             kernel: of the mechanism.
-            rates: velocities at rest with states of laws, (n,).
+            rates: velocities at rest with internal states, (n,).
             wrench: external wrenches.
             fixed: which coordinates stay, (n,).
         """

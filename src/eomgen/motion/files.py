@@ -65,8 +65,8 @@ def read_motion(
     NAME.drive are optional.  Commas, semicolons or tabs separate values, as in the header; with the latter two decimal
     commas are read, too.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
     ``eomgen simulate`` writes it, t, q (T, k) and coordinates (k names), optionally v, a and u.  Coordinates that the
-    file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.  States of
-    laws, such as NAME.drive.current, may be there.
+    file does not have are zero.  Rates (accelerations) are there for all measured coordinates or for none.  Internal
+    states, such as NAME.drive.current, may be there.
 
     Args:
         path: of the file.
@@ -195,8 +195,9 @@ def _read_npz(path: Path) -> dict[str, Array]:
                     expected = f"({size[0] if size else 0}, {len(names)})"
                     raise InputError(f"{path}: array {key} has shape {arrays[key].shape}; allowed: {expected}")
                 chosen |= {name + suffix: arrays[key][:, i] for i, name in enumerate(names)}
-        if "z" in arrays and "memory" in arrays and arrays["z"].shape == (*size, arrays["memory"].size):
-            chosen |= {str(name): arrays["z"][:, i] for i, name in enumerate(arrays["memory"].ravel())}
+        states = arrays.get("internal_states", arrays.get("memory"))  # its name in older files
+        if states is not None and "z" in arrays and arrays["z"].shape == (*size, states.size):
+            chosen |= {str(name): arrays["z"][:, i] for i, name in enumerate(states.ravel())}
         arrays = chosen
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu" or array.ndim != 1 or array.shape != size:

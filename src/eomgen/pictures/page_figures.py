@@ -28,7 +28,7 @@ CAPTIONS = {
     "journals": "Paths of journals' centres in their bearings; inside the circle they are free.",
     "tracking": "Driven coordinates, their reference trajectory and tracking error.",
     "energy": "Changes of energy, work integrals, and the residue of their balance.",
-    "states": "States of laws: deflections of bristles, for example.",
+    "states": "Internal states: deflections of bristles, for example.",
     "modes": "Natural frequencies and damping ratios of small motions along the reference trajectory, brakes on.",
     "zeros": "What vanishes identically in the mass matrix and in the tensor C of eqs. (11) and (12).",
 }

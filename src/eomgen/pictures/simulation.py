@@ -71,7 +71,7 @@ def plot_result(result: SimulationResult, folder: Path | str | None = None, endi
         (plot_journals, result_journals(result)),
         (plot_tracking, result.programmed and result.program_coordinates),
         (plot_energy, result.balance is not None),
-        (plot_states, result.trajectory.memory),
+        (plot_states, result.trajectory.internal_states),
     )
     plots = {name: plot for name, (plot, needed) in zip(SIMULATION_FIGURES, draws, strict=True) if needed}
     if folder is None:
@@ -128,7 +128,7 @@ def plot_series(result: SimulationResult, *names: str, path: Path | str | None =
 
 
 def plot_states(result: SimulationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
-    """Plot the states of laws over time, the largest ones where there are many.
+    """Plot the internal states over time, the largest ones where there are many.
 
     Arguments, what comes back and errors as of ``plot_series``.
 
@@ -136,12 +136,12 @@ def plot_states(result: SimulationResult, path: Path | str | None = None, *, ax:
         InputError: no law has a state.
     """
     check_kind(result, SimulationResult, "result", SOURCE)
-    memory, z = result.trajectory.memory, result.trajectory.z
-    if z is None or not memory:
+    internal_states, z = result.trajectory.internal_states, result.trajectory.z
+    if z is None or not internal_states:
         raise InputError(f"result: no law of {result.robot} has a state; allowed: results of robots with such laws")
-    sizes = {name: float(np.abs(values).max()) for name, values in zip(memory, z.T, strict=True)}
-    largest = set(sorted(memory, key=lambda name: -sizes[name])[:MOST_STATES])
-    return plot_series(result, *(name for name in memory if name in largest), path=path, ax=ax)
+    sizes = {name: float(np.abs(values).max()) for name, values in zip(internal_states, z.T, strict=True)}
+    largest = set(sorted(internal_states, key=lambda name: -sizes[name])[:MOST_STATES])
+    return plot_series(result, *(name for name in internal_states if name in largest), path=path, ax=ax)
 
 
 def _components(curves: Sequence[Series]) -> Iterator[tuple[str, Array, Array]]:

@@ -54,7 +54,7 @@ class RobotInfo:
             "source": model.robot.source,
             "notes": list(model.robot.notes),
             "coordinates": list(model.coordinates),
-            **({"memory": _states_of(model)} if model.internal_states else {}),
+            **({"internal_states": _states_of(model)} if model.internal_states else {}),
             "driven": [model.coordinates[i] for i in model.driven],
             "motors": {model.coordinates[i]: model.coordinates[p] for i, p in model.motors.items()},
             "joints": [body.joint for body in model.bodies],
@@ -98,7 +98,7 @@ class RobotInfo:
         sections = (
             [f"{model.name}: {count}"],
             self._joint_lines(),
-            self._memory_lines(),
+            self._state_lines(),
             self._loop_lines(),
             [line for element in model.robot.link_elements for line in element.lines()],
             [beam.line() for beam in model.robot.beams],
@@ -143,11 +143,11 @@ class RobotInfo:
                 lines += element.lines(component_name(joint.name, table))
         return lines
 
-    def _memory_lines(self) -> list[str]:
-        """Return the states of laws, where there are some, with what they store."""
+    def _state_lines(self) -> list[str]:
+        """Return the internal states, where there are some, with what they store."""
         states = {f"{name} [{state['unit']}]": state for name, state in _states_of(self.model).items()}
         width = max(map(len, states), default=0) + 2
-        lines = [f"{'state of a law':<{width}}{'law':<14}stores"] if states else []
+        lines = [f"{'internal state':<{width}}{'law':<14}stores"] if states else []
         for label, state in states.items():
             stored = "nothing" if state["inertia"] is None else f"{0.5 * state['inertia']:.4g} z^2 J"
             lines.append(f"{label:<{width}}{state['law']:<14}{stored}")
@@ -188,7 +188,7 @@ class RobotInfo:
 
 
 def _states_of(model: Model) -> dict[str, dict[str, Any]]:
-    """Return the states of laws by name: the law, the unit, and w where w z^2 / 2 is what they store, else None."""
+    """Return the internal states by name: the law, the unit, and w where w z^2 / 2 is what they store, else None."""
     found = {}
     for own in model.states:
         inertia = None if own.state.inertia is None else float(own.state.inertia(own.numbers))

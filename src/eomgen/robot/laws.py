@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
-from .memory.bouc_wen import CONDITIONS as PASSIVE
-from .memory.bouc_wen import WOUND, hysteresis_conflict, hysteresis_states
-from .memory.branches import BRANCHES, MOST_BRANCHES, branch_conflict, branch_states, branches_of
-from .memory.bristles import BRISTLES, bristle_conflict, bristle_states
-from .memory.drives import DRIVE, drive_conflict, drive_numbers, drive_states
-from .memory.states import State
+from .internal_states.bouc_wen import CONDITIONS as PASSIVE
+from .internal_states.bouc_wen import WOUND, hysteresis_conflict, hysteresis_states
+from .internal_states.branches import BRANCHES, MOST_BRANCHES, branch_conflict, branch_states, branches_of
+from .internal_states.bristles import BRISTLES, bristle_conflict, bristle_states
+from .internal_states.drives import DRIVE, drive_conflict, drive_numbers, drive_states
+from .internal_states.states import State
 from .numbers import (
     DAMPING,
     FORCE,
@@ -71,7 +71,7 @@ class Law:
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
         conditions: what of this rule run-time parameters must satisfy: each where all its numbers are there.
         has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
-        states: numbers -> what it remembers; None of a law that is a function of deviation and velocity.
+        states: numbers -> its internal states; None of a law that is a function of deviation and velocity.
         any_number: whether each of its numbers says that the law is there, not the first of them alone.
     """
 
@@ -504,7 +504,7 @@ def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
 
 
 def contact_stiffness_of(numbers: Values, of_rotor: bool | None = None) -> float:
-    """Return the stiffness of a coordinate's stops and of what its laws' states stretch, N/m or N m/rad; 0 without any.
+    """Return the stiffness of a coordinate's stops and of springs of internal states, N/m or N m/rad; 0 without any.
 
     Args:
         numbers: of all laws of the coordinate.

@@ -14,9 +14,9 @@ from ..limits import LARGEST
 from ..names import joint_of, kind_of, listed, nearest, show
 from .bounds import Limits
 from .coordinates import coordinate_names, unit_of
+from .internal_states.drives import DRIVE, has_drive
 from .joint_types import JOINT_TYPES, OWN_COORDINATES
 from .laws import states_of
-from .memory.drives import DRIVE, has_drive
 from .rules import cut_conflict
 from .value import (
     ACROSS,
@@ -140,7 +140,7 @@ def _load_refusals(robot: Robot) -> Iterator[Refused]:
         for other in carriers(name, coordinates):
             laws = dict.fromkeys(law for law, _ in states_of(coordinates[other].law()) if law != "friction")
             if laws:
-                message = f"{other} carries a part of the load by a law with states, {', '.join(laws)}"
+                message = f"{other} carries a part of the load by a law with internal states, {', '.join(laws)}"
                 yield f"{where}.friction.coefficient", f"{message}; allowed: springs, contacts and dampers across it"
     alone = [(f"joints.{x.name}.{MOTOR}", x.motor.friction) for x in robot.joints if x.motor is not None]
     alone += [(f"couplings.{x.name}", x.law.friction) for x in robot.couplings if x.law is not None]

@@ -32,11 +32,11 @@ from .coordinates import coordinate_names
 from .elements import MATRICES
 from .elements.joint_element import missing_table
 from .geometry import JointFacts
+from .internal_states.drives import DRIVE
+from .internal_states.states import OwnedState
 from .joint_types import CUTS, rigid_components
 from .laws import ARMATURE, states_of
 from .mechanism import coordinate_of, driven_coordinates, leading_home, mechanism_conflict, position_limits
-from .memory.drives import DRIVE
-from .memory.states import OwnedState
 from .numbers import Conflict
 from .parameter_names import following_modes, number_of
 from .rules import coordinate_conflict, cut_conflict, motor_conflict, unmoved
@@ -100,12 +100,12 @@ class Model:
 
     @property
     def size(self) -> int:
-        """n, the number of coordinates and, behind them, of states of laws (``internal_states``)."""
+        """n, the number of coordinates and, behind them, of internal states (``internal_states``)."""
         return len(self.coordinates) + len(self.internal_states)
 
     @cached_property
     def internal_states(self) -> tuple[str, ...]:
-        """Names of the states of laws, such as "joint1.gamma.friction.z": velocities of inertias without a link.
+        """Names of the internal states, such as "joint1.gamma.friction.z": velocities of inertias without a link.
 
         In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
         """
@@ -122,12 +122,12 @@ class Model:
         )
 
     @cached_property
-    def remembering(self) -> dict[tuple[str, str], tuple[int, ...]]:
+    def state_places(self) -> dict[tuple[str, str], tuple[int, ...]]:
         """Indices of states, by the prefix of their law's parameters and its name."""
-        remembering: dict[tuple[str, str], tuple[int, ...]] = {}
+        places: dict[tuple[str, str], tuple[int, ...]] = {}
         for k, x in enumerate(self.states, len(self.coordinates)):
-            remembering[x.prefix, x.law] = (*remembering.get((x.prefix, x.law), ()), k)
-        return remembering
+            places[x.prefix, x.law] = (*places.get((x.prefix, x.law), ()), k)
+        return places
 
     @cached_property
     def beside(self) -> dict[int, int]:
@@ -141,7 +141,7 @@ class Model:
     def drives(self) -> dict[int, tuple[int, ...]]:
         """Index of every coordinate with a drive, with those of the drive's states."""
         keys = {i: (parameter_name("joints", name), DRIVE) for i, name in enumerate(self.coordinates)}
-        return {i: self.remembering[key] for i, key in keys.items() if key in self.remembering}
+        return {i: self.state_places[key] for i, key in keys.items() if key in self.state_places}
 
     @cached_property
     def states_of_drives(self) -> tuple[int, ...]:
@@ -150,7 +150,7 @@ class Model:
 
     @property
     def velocities(self) -> tuple[str, ...]:
-        """Names of all that has a velocity in arrays of the state: coordinates, then states of laws."""
+        """Names of all that has a velocity in arrays of the state: coordinates, then internal states."""
         return (*self.coordinates, *self.internal_states)
 
     @property

@@ -12,8 +12,8 @@ from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
 from .coordinates import MODE
 from .elements import JOINT_ELEMENTS, KINDS, Spring
+from .internal_states.bristles import FADING, PASSIVITY
 from .laws import BASIC, LAWS, NUMBERS
-from .memory.bristles import FADING, PASSIVITY
 from .numbers import Number
 from .value import COORDINATES, MOTOR, Robot
 

@@ -12,12 +12,12 @@ from dataclasses import fields
 from ..limits import LARGEST
 from ..names import listed, nearest, show
 from .bounds import limits_conflict
+from .internal_states.drives import DRIVE, has_drive
 from .laws import LAWS, NUMBERS, active_laws, curve_conflict, law_conflict
-from .memory.drives import DRIVE, has_drive
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Motor
 
 ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
-STIFF = (  # springs by themselves, of robots without states of laws, too
+STIFF = (  # springs by themselves, of robots without internal states, too
     "stiffness",
     *(law.name for law in LAWS.values() if law.stiffness and not (law.takes_stiffness or law.states)),
 )

@@ -24,7 +24,7 @@ def deviation_sizes(stiffness: Array, inertia: Array) -> tuple[Array, Array]:
 
 
 def with_states(q: Array, v: Array, states: Sequence[float]) -> tuple[Array, Array]:
-    """Return sizes of coordinates and velocities with those of laws' states behind them, (n,) each.
+    """Return sizes of coordinates and velocities with those of internal states behind them, (n,) each.
 
     States stand among velocities; what is beside them in q acts on nothing.
     """

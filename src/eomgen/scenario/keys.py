@@ -237,7 +237,7 @@ INITIAL = Form(
     {
         "q": ByName("coordinates at t = 0", "m or rad"),
         "v": ByName("velocities at t = 0", "m/s or rad/s"),
-        "z": ByName("states of laws at t = 0; default 0", "", named="states", by="state", depth=6, numbered=True),
+        "z": ByName("internal states at t = 0; default 0", "", named="states", by="state", depth=6, numbered=True),
         "equilibrium": Flag("true solves the static equilibrium near q"),
         "held": Strings("coordinates that are fixed where they are; with equilibrium = true"),
     }

@@ -45,7 +45,7 @@ class Initial:
     """The state at t = 0.
 
     q, v: by coordinate or joint, m, rad, per s.  equilibrium: static equilibrium near q; None without the key.
-    held: coordinates that are fixed at their q.  z: states of laws by their names, which an equilibrium keeps.
+    held: coordinates that are fixed at their q.  z: internal states by their names, which an equilibrium keeps.
     """
 
     q: Mapping[str, float] = field(default_factory=dict)

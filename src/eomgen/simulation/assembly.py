@@ -37,8 +37,8 @@ from ..pipeline.building import build, build_groups
 from ..pipeline.mechanisms import mechanism_kernels
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
+from ..robot.internal_states.drives import LOOPS, loops_of
 from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_coordinate, leading_home
-from ..robot.memory.drives import LOOPS, loops_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import Robot
@@ -355,14 +355,14 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, values: Mapping[st
     return positions
 
 
-def states_of_laws(robot: Robot, scenario: Scenario, memory: tuple[str, ...]) -> dict[str, float]:
-    """Return numbers of ``initial.z`` by the full names of states of laws, which begin with a coordinate's."""
+def initial_internal_states(robot: Robot, scenario: Scenario, internal_states: tuple[str, ...]) -> dict[str, float]:
+    """Return numbers of ``initial.z`` by the full names of internal states, which begin with a coordinate's."""
     owners = names_in_scenarios(robot)
     short: dict[str, list[str]] = {}
     for name, full in owners.items():
         short.setdefault(full, []).append(name)
-    places = {name: name for name in memory}
-    for full in memory:
+    places = {name: name for name in internal_states}
+    for full in internal_states:
         owner, *_ = split_state(full)
         places |= {name + full.removeprefix(owner): full for name in short.get(owner, ())}
     states: dict[str, float] = {}

@@ -35,9 +35,10 @@ from ..robot.coordinates import MODE, UNITS, is_kind, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL
 from .balance import TERMS
 
-UNIT = re.compile(r"1|[A-Za-z]{1,3}(\^-?[1-9])?([ /][A-Za-z]{1,3}(\^-?[1-9])?){0,3}")  # of a law's state
+UNIT = re.compile(r"1|[A-Za-z]{1,3}(\^-?[1-9])?([ /][A-Za-z]{1,3}(\^-?[1-9])?){0,3}")  # of an internal state
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
 RESULT, TRAJECTORY, BALANCE, ERROR = "result", "trajectory", "balance", "error"  # where an array belongs
+OLDER_NAMES = {"memory": "internal_states", "memory_units": "internal_state_units"}  # of arrays, in older files
 DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others, for those who read with NumPy alone
 
 
@@ -46,7 +47,7 @@ class Owned(Stored):
     """An array of the file: its contents, its name in the file, and whose attribute of that name it is.
 
     Letters of shapes are T (samples), n (coordinates), p (driven coordinates), k (joints that have alpha, beta and
-    gamma), s (states of laws), links.  Those that are None otherwise are not in older files, nor of results that have
+    gamma), s (internal states), links.  Those that are None otherwise are not in older files, nor of results that have
     no such thing.
     """
 
@@ -67,8 +68,8 @@ ARRAYS = (
     _array("v", TRAJECTORY, ("T", "n"), "m/s, rad/s"),
     _array("u", TRAJECTORY, ("T", "n"), "N, N m", largest=_LARGEST_SUM),
     _array("energy", TRAJECTORY, ("T", 2), "J", largest=_LARGEST_SUM),
-    _array("memory", TRAJECTORY, ("s",), of=str, otherwise=None),
-    _array("memory_units", TRAJECTORY, ("s",), of=str, otherwise=None),
+    _array("internal_states", TRAJECTORY, ("s",), of=str, otherwise=None),
+    _array("internal_state_units", TRAJECTORY, ("s",), of=str, otherwise=None),
     _array("input_units", TRAJECTORY, ("n",), of=str, otherwise=None),
     _array("z", TRAJECTORY, ("T", "s"), otherwise=None),
     _array("rotating", TRAJECTORY, ("k",), of=str, otherwise=None),
@@ -230,8 +231,10 @@ def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) ->
         raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
 
 
-def check_memory(names: Sequence[str], units: Sequence[str], where: str, key: str, owners: Sequence[str] = ()) -> None:
-    """Refuse names that are none of states of laws, of some owners where they are known, or that are there twice.
+def check_internal_states(
+    names: Sequence[str], units: Sequence[str], where: str, key: str, owners: Sequence[str] = ()
+) -> None:
+    """Refuse names that are not those of internal states, of some owners where they are known, or that are there twice.
 
     Units are those of names, one for each: SI units and their products.
     """
@@ -241,16 +244,21 @@ def check_memory(names: Sequence[str], units: Sequence[str], where: str, key: st
 
     _check_names(where, key, names, is_state, "OWNER.LAW.STATE with an owner of " + (listed(owners) or "any name"))
     if len(units) != len(names) or not all(UNIT.fullmatch(unit) for unit in units):
-        raise InputError(f"{where}: {key}_units: got {listed(units)}; allowed: a unit for each of {listed(names)}")
+        raise InputError(
+            f"{where}: {key.removesuffix('s')}_units: got {listed(units)}; allowed: a unit for each of {listed(names)}"
+        )
 
 
 def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> None:
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = arrays["coordinates"]
     check_coordinates(coordinates, arrays["units"], where)
-    memory, there = arrays.get("memory") or (), [name in arrays for name in ("memory", "memory_units", "z")]
+    states = arrays.get("internal_states") or ()
+    there = [name in arrays for name in ("internal_states", "internal_state_units", "z")]
     if any(there) and not all(there):
-        raise InputError(f"{where}: arrays memory, memory_units and z: got some of them; allowed: all, or none")
+        raise InputError(
+            f"{where}: arrays internal_states, internal_state_units and z: got some of them; allowed: all, or none"
+        )
     inputs = arrays.get("input_units") or ()
     if not all(UNIT.fullmatch(unit) for unit in inputs):
         raise InputError(f"{where}: input_units: got {listed(inputs)}; allowed: units")
@@ -263,7 +271,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     followers = (str(coupling.get("of")) for coupling in _tables(meta.description, "couplings"))
     known = (*coordinates, *_cut_names(meta.description), *followers)
-    check_memory(memory, arrays.get("memory_units") or (), where, "array memory", known)
+    check_internal_states(states, arrays.get("internal_state_units") or (), where, "array internal_states", known)
     for key, names, allowed in (
         ("array program_coordinates", arrays["program_coordinates"], coordinates),
         ("prescribed", meta.prescribed, coordinates),
@@ -277,7 +285,7 @@ def _check_coordinates(meta: Meta, arrays: Mapping[str, Any], where: str) -> Non
     if meta.stopped:
         stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
         sizes = [len(x) for x in (stop.q, stop.v, stop.z)]
-        if sizes != [len(coordinates)] * 2 + [len(memory)] or stop.coordinate not in ("", *coordinates, *memory):
+        if sizes != [len(coordinates)] * 2 + [len(states)] or stop.coordinate not in ("", *coordinates, *states):
             raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
 
 

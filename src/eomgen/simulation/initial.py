@@ -21,7 +21,7 @@ from ..scenario.value import Scenario
 from ..state.drives import has_drives, settled
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, law_numbers, stiffnesses
-from .assembly import Assembly, by_coordinate, names_in_scenarios, states_of_laws
+from .assembly import Assembly, by_coordinate, initial_internal_states, names_in_scenarios
 from .loads import loaded_parameters
 
 
@@ -41,7 +41,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
     for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
-    for name, value in states_of_laws(robot, scenario, kernel.internal_states).items():
+    for name, value in initial_internal_states(robot, scenario, kernel.internal_states).items():
         v[kernel.velocities.index(name)] = value
     velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in velocities.items():
@@ -129,7 +129,7 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of deviations that nothing holds, as in a clearance; a motor takes up its gear's backlash."""
     kernel = assembly.augmented
     motors = shafts(kernel)
-    stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=False))  # states of laws stand behind
+    stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=False))  # internal states stand behind
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in stiff.items() if k == 0.0}
@@ -145,7 +145,7 @@ def _balanced(
     """Solve the static equilibrium near q under drives and wrenches at t = 0; clearances start in their middle.
 
     Args:
-        begin: q, (n,), and the states of laws, (m,), which stay.
+        begin: q, (n,), and the internal states, (m,), which stay.
         still: coordinates that are held.
     """
     kernel, drive, wrenches, (q, z) = assembly.augmented, assembly.drive.standstill(), assembly.wrenches, begin

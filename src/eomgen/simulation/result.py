@@ -32,7 +32,7 @@ from ..scenario.recorded import scenario_from_record
 from ..shown import Plotting, Shown, prefixed
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .balance import TERMS, EnergyBalance
-from .contents import ARRAYS, BALANCE, DERIVED, ERROR, RESULT, TRAJECTORY, Meta, check_contents, meta_of
+from .contents import ARRAYS, BALANCE, DERIVED, ERROR, OLDER_NAMES, RESULT, TRAJECTORY, Meta, check_contents, meta_of
 
 WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
 
@@ -70,7 +70,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
         balance: the energy balance; None in files of eomgen 0.1 before it was there.
         description: the robot that was simulated, as ``robot.record.record_of`` has it; empty in older files.
         stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
-            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each), and ``z`` of states of laws, if any.
+            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each), and ``z`` of internal states, if any.
         global_error: estimated error of the integration, with that of the tool; None where it was not asked for.
     """
 
@@ -226,7 +226,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
             measured=motion.coordinates,
             driven=driven,
             source=f"the simulation of {self.robot}",
-            states={} if motion.z is None else dict(zip(motion.memory or (), motion.z.T, strict=True)),
+            states={} if motion.z is None else dict(zip(motion.internal_states or (), motion.z.T, strict=True)),
         )
 
     @property
@@ -237,7 +237,7 @@ class SimulationResult(Plotting, Shown, Tabular, plot="plot_series"):
     def series(self, name: str) -> Series:
         """Return values over time by name, with their unit.
 
-        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; of states of laws
+        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; of internal states
         ("joint1.gamma.friction.z"); JOINT.qw, .qx, .qy and
         .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base frame) and
         TOOL.program; TOOL.rotation, the orientation error; LINK.force and LINK.moment of wrenches (about the centre of
@@ -343,7 +343,7 @@ def load_result(path: Path | str) -> SimulationResult:
             f"{plain_path(Path(path))}: a .csv has columns of a motion, and no robot; allowed: the .npz of a result, or"
             " eomgen.motion.read_motion(path, coordinates) for the columns"
         )
-    arrays = read_npz(path)
+    arrays = {OLDER_NAMES.get(name, name): array for name, array in read_npz(path).items()}
     meta = meta_of(_meta_in(arrays, path), f"{path}: {META}")
     arrays = check_contents(meta, arrays, str(path))
     owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}, ERROR: {}}

@@ -38,7 +38,7 @@ from ..names import component_name, show
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
-from ..robot.memory.drives import short_time_notes
+from ..robot.internal_states.drives import short_time_notes
 from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
@@ -271,7 +271,7 @@ def run_assembly(
 
 
 def _whole(kernel: Kernel, q: Array) -> Array:
-    """Return coordinates, (T, n), as kernels take them: with zeros for states of laws behind."""
+    """Return coordinates, (T, n), as kernels take them: with zeros for internal states behind."""
     return np.hstack([q, np.zeros((len(q), len(kernel.internal_states)))])
 
 

@@ -32,7 +32,7 @@ from ..optional import optional_import
 from ..robot.coordinates import unit_of
 from ..shown import Shown
 from ..state.turning import quaternion_columns
-from .contents import check_coordinates, check_memory
+from .contents import check_coordinates, check_internal_states
 from .result import Series
 
 FORMAT = 1  # raised when a reader of the old one would misread it
@@ -48,8 +48,8 @@ _LONGEST_HEADER = 18  # bytes of a frame's header
 class StreamedMotion(Shown):
     """A motion read from a stream: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
 
-    meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.  z: states of laws, (T, states), by
-    the names in ``memory``, in their ``memory_units``; None without any.
+    meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.  z: internal states, (T, states),
+    by the names in ``internal_states``, in their ``internal_state_units``; None without any.
     """
 
     t: Array
@@ -59,23 +59,23 @@ class StreamedMotion(Shown):
     complete: bool
     meta: Mapping[str, Any]
     z: Array | None = None
-    memory: tuple[str, ...] | None = None
-    memory_units: tuple[str, ...] | None = None
+    internal_states: tuple[str, ...] | None = None
+    internal_state_units: tuple[str, ...] | None = None
 
     def series(self, name: str) -> Series:
-        """Return a coordinate, its velocity (NAME.rate) or a law's state over time; InputError if there is none of it.
+        """Return a coordinate, its velocity (NAME.rate) or an internal state over time; InputError without it.
 
         Joints with alpha, beta and gamma have JOINT.qw, .qx, .qy and .qz as well, as ``SimulationResult.series`` says.
         """
         stem, rotations = name.removesuffix(".rate"), quaternion_columns(self.coordinates, self.q)
         if name in rotations:
             return Series(name, "", self.t, rotations[name])
-        memory = self.memory or ()
-        if self.z is not None and name in memory:
-            i = memory.index(name)
-            return Series(name, (self.memory_units or ())[i], self.t, self.z[:, i])
+        internal_states = self.internal_states or ()
+        if self.z is not None and name in internal_states:
+            i = internal_states.index(name)
+            return Series(name, (self.internal_state_units or ())[i], self.t, self.z[:, i])
         if stem not in self.coordinates:
-            known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *memory, *rotations])
+            known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *internal_states, *rotations])
             raise InputError(f"series: {show(name)} is unknown; known: {known}")
         values, unit = (self.q, unit_of(stem)) if stem == name else (self.v, f"{unit_of(stem)}/s")
         return Series(name, unit, self.t, values[:, self.coordinates.index(stem)])
@@ -89,7 +89,7 @@ class MotionStream:
         coordinates: n names.
         samples: T.
         meta: values that JSON holds.
-        memory: units of states of laws, by their names.
+        internal_states: units of internal states, by their names.
 
     Raises:
         InputError: Zarr is not installed, or the folder has something in it or cannot be written.
@@ -101,12 +101,12 @@ class MotionStream:
         coordinates: Sequence[str],
         samples: int,
         meta: Mapping[str, Any],
-        memory: Mapping[str, str] = MappingProxyType({}),
+        internal_states: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         zarr, self._folder = _zarr(), Path(folder)
         shapes: dict[str, tuple[int, ...]] = {"t": (samples,), **dict.fromkeys("qv", (samples, len(coordinates)))}
-        if memory:
-            shapes["z"] = samples, len(memory)
+        if internal_states:
+            shapes["z"] = samples, len(internal_states)
         try:
             if self._folder.exists() and any(self._folder.iterdir()):
                 raise InputError(f"{folder}: is not empty; allowed: a folder that does not exist, or is empty")
@@ -118,7 +118,8 @@ class MotionStream:
                 for name, shape in shapes.items()
             }
             about = {"format": FORMAT, "coordinates": list(coordinates), "units": [unit_of(x) for x in coordinates]}
-            states = {"memory": list(memory), "memory_units": list(memory.values())} if memory else {}
+            names = {"internal_states": [*internal_states], "internal_state_units": [*internal_states.values()]}
+            states = names if internal_states else {}
             group.attrs.update({**about, **states, "meta": dict(meta)})
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
@@ -169,7 +170,7 @@ def load_stream(folder: Path | str) -> StreamedMotion:
         t = np.asarray(group["t"][:], dtype=np.float64)
         unknown = np.flatnonzero(np.isnan(t))
         count = int(unknown[0]) if unknown.size else t.size
-        names = ("q", "v", "z") if about.memory else ("q", "v")
+        names = ("q", "v", "z") if about.internal_states else ("q", "v")
         arrays = {name: np.asarray(group[name][:count], dtype=np.float64) for name in names}
     except InputError:
         raise
@@ -183,7 +184,7 @@ def load_stream(folder: Path | str) -> StreamedMotion:
     if (np.diff(t[:count]) <= 0.0).any():
         raise InputError(f"{folder}: array t: got times that do not increase; allowed: increasing times")
     q, v, z, meta = arrays["q"], arrays["v"], arrays.get("z"), MappingProxyType(dict(about.meta))
-    states = (z, about.memory, about.memory_units) if about.memory else ()
+    states = (z, about.internal_states, about.internal_state_units) if about.internal_states else ()
     return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, meta, *states)
 
 
@@ -195,8 +196,8 @@ class _About:
     coordinates: tuple[str, ...]
     units: tuple[str, ...]
     meta: Mapping[str, Any]
-    memory: tuple[str, ...] = ()
-    memory_units: tuple[str, ...] = ()
+    internal_states: tuple[str, ...] = ()
+    internal_state_units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -234,8 +235,8 @@ def _checked_layout(folder: Path, most: int) -> _About:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
     about: _About = value_of(_About, written, f"{folder}: is no stream of a simulation: attributes")
     check_coordinates(about.coordinates, about.units, f"{folder}: attributes")
-    check_memory(about.memory, about.memory_units, f"{folder}: attributes", "memory")
-    n, states = len(about.coordinates), len(about.memory)
+    check_internal_states(about.internal_states, about.internal_state_units, f"{folder}: attributes", "internal_states")
+    n, states = len(about.coordinates), len(about.internal_states)
     samples = 0
     for name in ("t", "q", "v", *(("z",) if states else ())):
         where = f"{folder}: array {name}"

@@ -12,8 +12,8 @@ from ..arrays import Array
 from ..errors import IntegrationError, check_kind
 from ..names import split_state
 from ..robot.coordinates import force_unit_of
-from ..robot.memory.drives import DRIVE, STATES
-from ..robot.memory.standstill import standstill_of
+from ..robot.internal_states.drives import DRIVE, STATES
+from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
 from .elements import element_numbers
@@ -28,7 +28,7 @@ def has_drives(kernel: Kernel) -> bool:
 
 
 def is_of_drive(state: str) -> bool:
-    """Tell of a state of a law, by its name, whether it is one of a drive: "joint1.gamma.drive.current"."""
+    """Tell of an internal state, by its name, whether it is one of a drive: "joint1.gamma.drive.current"."""
     return split_state(state)[1] == DRIVE
 
 
@@ -166,7 +166,7 @@ class DrivesAtRest:
 def drives_at_rest(
     kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
 ) -> tuple[Array, Array]:
-    """Return inputs u, (n,), and states of laws, (m,), with which drives exert forces on a robot at rest.
+    """Return inputs u, (n,), and internal states, (m,), with which drives exert forces on a robot at rest.
 
     Currents and filters stand at the values that these forces take, integrals where the control errors that they watch
     are 0; without an integral a reference differs from what is measured by the steady error.
@@ -202,7 +202,7 @@ def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tupl
     """Return v with states of drives that hold a robot at rest, and the coordinates of drives whose input does not.
 
     Args:
-        q, v: a state at rest, (kernel.n,), with states of laws behind velocities; those of drives that do not hold it
+        q, v: a state at rest, (kernel.n,), with internal states behind velocities; those of drives that do not hold it
             stay as they are.
         u: inputs of the drives, (kernel.n,).
         forces: on coordinates that hold it, (kernel.n,), N or N m.

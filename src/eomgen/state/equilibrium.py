@@ -14,7 +14,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.singular import inertias
 from .drives import DrivesAtRest
-from .law_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
+from .internal_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
@@ -30,7 +30,7 @@ def static_equilibrium(
 ) -> tuple[Array, Array]:
     """Find the static equilibrium near a guess by Newton's method: springs, gravity, drives and wrenches in balance.
 
-    States of laws stay as they are: whatever z bristles have, they may be at rest, so that the equilibria of a robot
+    Internal states stay as they are: whatever z bristles have, they may be at rest, so that the equilibria of a robot
     that has some are a continuum.  Those of drives settle, see ``drives_at_rest``: a drive whose loops have an integral
     holds its coordinate where its reference u is, of a velocity where the guess has it, and others with the error that
     their gains leave.
@@ -42,7 +42,7 @@ def static_equilibrium(
             references of drives without an error are those of the guess; None: zero.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
-        z: states of laws, (m,), or by name; 0 by default.
+        z: internal states, (m,), or by name; 0 by default.
 
     Returns:
         q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in held coordinates what is

@@ -16,7 +16,7 @@ def shafts(kernel: Kernel) -> dict[str, str]:
 
 
 def acting(kernel: Kernel) -> tuple[str, ...]:
-    """Return names of what laws of joints act on: coordinates, states of laws, and behind them what follows them."""
+    """Return names of what laws of joints act on: coordinates, internal states, and behind them what follows them."""
     return (*kernel.velocities, *kernel.follower_names)
 
 

@@ -231,7 +231,7 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
 
 
 def internal_state_sizes(kernel: Kernel) -> list[float]:
-    """Return sizes of the states of laws that tolerances refer to, (m,)."""
+    """Return sizes of the internal states that tolerances refer to, (m,)."""
     sizes: dict[str, float] = {}
     for family in (JOINTS, CUTS) if kernel.internal_states else ():
         for owner, numbers in element_numbers(kernel, family).items():

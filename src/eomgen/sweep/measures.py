@@ -130,7 +130,7 @@ def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _states(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
-    """Return the largest size of each law's state, or what it is at the end."""
+    """Return the largest size of each internal state, or what it is at the end."""
     z, kernel = result.trajectory.z, assembly.kernel
     assert z is not None
     values = np.abs(z).max(axis=0) if name == "state_max" else z[-1]

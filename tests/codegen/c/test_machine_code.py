@@ -239,7 +239,7 @@ def condition(source: Source, found: Array) -> float:
     worst = 1.0
     for call, _, x in results_by_call(source, found):
         if call.name == "mass_matrix" and call.count is None:
-            n = math.isqrt(x.size)  # states of laws have rows, too
+            n = math.isqrt(x.size)  # internal states have rows, too
             M = x.reshape(n, n).astype(np.float64)
             scale = np.sqrt(np.maximum(M.diagonal(), 1e-300))
             worst = max(worst, float(np.linalg.cond(M / np.outer(scale, scale))))
@@ -484,7 +484,7 @@ def states_of(model: Model) -> dict[str, np.ndarray]:
     driven = np.isin(np.arange(n), model.driven)
     q = np.array([*model.home, *(0.0 for _ in model.internal_states)]) + 0.02 * rng.normal(size=(7, n))
     v = speeds * rng.normal(size=(7, n))
-    v[:, len(model.coordinates) :] *= 1e-3  # states of laws: bristles are short
+    v[:, len(model.coordinates) :] *= 1e-3  # internal states: bristles are short
     return {"q": q, "v": v, "u": driven * forces * rng.normal(size=(7, 1))}
 
 

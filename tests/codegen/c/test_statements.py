@@ -37,7 +37,7 @@ from eomgen.robot.value import Robot
 from tests.oracles.force_laws import with_laws
 from tests.support.bending_mixtures import PARTS as PARTS_OF_MIXTURES
 from tests.support.bending_mixtures import mixture
-from tests.support.bristles import remembering_arm
+from tests.support.bristles import stateful_arm
 from tests.support.builds import Build
 from tests.support.every_element import ROBOTS, robot_of
 from tests.support.linkages import bricard
@@ -233,7 +233,7 @@ SUITE: Mapping[str, Callable[[], Robot]] = {  # robots with one instance each of
     **{f"many{number}": partial(many_robot, number) for number in (3, 27 * 11, 27 * 29, 100)},
     **{f"mixture{seed}": partial(mixed, seed) for seed in range(3)},
     "every": partial(robot_of, *ROBOTS),
-    "states": remembering_arm,
+    "states": stateful_arm,
     "linkage": bricard,
 }
 

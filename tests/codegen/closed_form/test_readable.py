@@ -261,7 +261,7 @@ def test_they_are_printed_by_name() -> None:
     form = readable_closed_form(build_model(bristled_arm()))
     lines = form.lines()
     assert "  z_gamma_1 = j1.gamma.friction.z: rad" in lines
-    assert lines[-3] == "rates of states of laws"
+    assert lines[-3] == "rates of internal states"
     assert lines[-1] == "  d/dt z_beta_2 = betadot_2 - 20000.0*z_beta_2*Abs(betadot_2)"
     assert len(form.equations()) == 3
     latex = form.latex()
@@ -300,7 +300,7 @@ def check_states(robot: Robot, n: int, size: tuple[float, float], built: Build) 
         assert pytest.approx(kernel.mass_matrix(q), rel=1e-9, abs=1e-12) == M
 
 
-def test_states_of_laws_are_the_kernels(built: Build) -> None:
+def test_internal_states_are_the_kernels(built: Build) -> None:
     """Those of laws beside the spring stay numbers, and do not take its symbols."""
     arm, wound = bristled_arm(), robot_from_toml(WOUND)
     for robot, names in ((arm, ["z_gamma_1", "z_beta_2"]), (wound, ["z_motor_1", "z0_motor_1"])):

@@ -234,7 +234,7 @@ class Dense(ImplicitShare):
     def bend(self, i: int, law: Effect) -> None:
         self.rank_one({i: 1.0}, law.ahead(self.dt, self.square, self.d.functions))
 
-    def in_memory(self, site: StateSite, law: StateSlopes) -> None:
+    def in_internal_states(self, site: StateSite, law: StateSlopes) -> None:
         row, states = site.row, site.states
         acts = self.d.functions.step(share(law, self.dt, self.square))
         self.rank_one(row, acts * (self.dt * law.f_v + self.square * law.f_s))

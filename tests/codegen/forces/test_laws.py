@@ -278,7 +278,7 @@ def test_motion_is_scipys(built: Build) -> None:
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy.
 
-    Friction counts by its secant, not by its tangent.  States of laws are left out: ``test_memory`` has them.
+    Friction counts by its secant, not by its tangent.  Internal states are left out: ``test_state_laws`` has them.
     """
     robot = worn(seed).without_states()
     kernel = built(robot, "rollout", *NAMES, "mass_matrix", "bias_force")

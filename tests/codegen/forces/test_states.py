@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.forces.element import StateSlopes
-from eomgen.codegen.forces.memory import formulas
-from eomgen.codegen.forces.memory.formula import Remembered, StateEffect
+from eomgen.codegen.forces.internal_states import formulas
+from eomgen.codegen.forces.internal_states.formula import LawArguments, StateEffect
 from eomgen.codegen.kernels.accelerations import implicit_step
 from eomgen.codegen.kernels.derivation import Derivation, Outputs
 from eomgen.codegen.kernels.writers import WRITERS
@@ -21,7 +21,7 @@ from eomgen.codegen.solve.states import share, state_rows
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.robot import laws
-from eomgen.robot.memory.states import State
+from eomgen.robot.internal_states.states import State
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import leasts
 from tests.support.bending_robots import Bending, bent, with_mode_follower
@@ -43,7 +43,7 @@ G_Z = np.array([[-4.0, 2.0], [-3.0, 0.5]])  # its second diagonal entry alone wo
 INERTIAS = np.array([3.0, 1.0])
 
 
-def spiral(x: Remembered) -> StateEffect:
+def spiral(x: LawArguments) -> StateEffect:
     """Return a linear law whose two states feel each other."""
     rates = [a * x.s + b * x.v + row @ np.array(x.z) for a, b, row in zip(G_S, G_V, G_Z, strict=True)]
     slopes = StateSlopes(
@@ -90,7 +90,7 @@ STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
 
 def test_rows_and_energies(model: Model) -> None:
     assert model.internal_states == ("slide.z.friction.a", "slide.z.friction.b")
-    assert model.remembering == {("joints.slide.z", "friction"): (1, 2)}
+    assert model.state_places == {("joints.slide.z", "friction"): (1, 2)}
     M, B, K = slopes()
     q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
     weight = np.array([2.0 * 9.81, 0.0, 0.0])
@@ -170,7 +170,7 @@ maxwell = [{{ stiffness = 5.0, damping = 0.4 }}, {{ stiffness = 1.0, damping = 3
 
 
 @pytest.mark.parametrize("c", [0.01, 3.0, 2.0 - 5.0j])
-def test_transmissions_and_couplings_remember(c: complex) -> None:
+def test_transmissions_and_couplings_have_internal_states(c: complex) -> None:
     """Of linear laws along rows that do not change, steps and stages are those of M, B and K."""
     rails = build_model(robot_from_toml(RAILS))
     names = ("first.z.maxwell.0.z", "first.z.maxwell.1.z", "first.motor.maxwell.0.z", "belt.maxwell.0.z")

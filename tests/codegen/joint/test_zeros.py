@@ -93,7 +93,7 @@ def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
     check(build_model(generic(robot, rng)), seed)
 
 
-def test_states_of_laws_meet_nothing() -> None:
+def test_internal_states_meet_nothing() -> None:
     """Beside the coordinates' own entries M has the states' diagonal alone, and C nothing."""
     robot = bristled_arm()
     joints = [replace(x, coordinates={name: Coordinate() for name in x.coordinates}) for x in robot.joints]

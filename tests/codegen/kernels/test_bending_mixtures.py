@@ -30,7 +30,7 @@ def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
 
 
 def inertias(model: Model, s: State) -> tuple[Array, Array]:
-    """Return M and derivatives of the residual by accelerations, (n, n) each, with states of laws."""
+    """Return M and derivatives of the residual by accelerations, (n, n) each, with internal states."""
     n = model.size
     M = answer(model.robot, "mass_matrix", q=s.q).reshape(n, n)
     return M, answer(model.robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)[2]

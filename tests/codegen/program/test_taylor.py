@@ -30,7 +30,7 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from tests.codegen.program.test_reverse_mode import every_operation, robot_of
 from tests.support.bending_robots import bent
-from tests.support.bristles import remembering_arm
+from tests.support.bristles import stateful_arm
 from tests.support.random_robots import random_robot, seeds
 from tests.support.soak import soaked
 
@@ -145,13 +145,13 @@ ALONG: Mapping[str, Callable[[int], Robot]] = {
     "trees": robot_of,
     "bending": lambda seed: bent(random_robot(seed, joints=(2, 2), max_size=4, tree=True), seed).robot,
     "closed": lambda seed: eomgen.load_robot("four_bar"),
-    "states of laws": lambda seed: remembering_arm(),
+    "internal states": lambda seed: stateful_arm(),
 }
 
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    soaked([(kind, seed) for kind in ALONG for seed in range(6)], [("trees", 1), ("states of laws", 0)]),
+    soaked([(kind, seed) for kind in ALONG for seed in range(6)], [("trees", 1), ("internal states", 0)]),
 )
 def test_the_first_order_is_the_rate_of_forward_differentiation(kind: str, seed: int) -> None:
     robot = ALONG[kind](seed)
@@ -161,8 +161,8 @@ def test_the_first_order_is_the_rate_of_forward_differentiation(kind: str, seed:
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics"])
-def test_states_of_laws(name: str) -> None:
-    check(remembering_arm(), name, 2, 4)
+def test_internal_states(name: str) -> None:
+    check(stateful_arm(), name, 2, 4)
 
 
 @pytest.mark.soak

@@ -117,8 +117,8 @@ def stable_inversion(  # noqa: PLR0913
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: an argument is wrong, the robot has loops, couplings, prescribed coordinates, laws with states,
-            servo drives or clearances, outputs cannot be followed at a pose, or zeros are on the imaginary axis.
+        InputError: an argument is wrong, the robot has loops, couplings, prescribed coordinates, laws with internal
+            states, servo drives or clearances, outputs cannot be followed at a pose, or zeros are imaginary.
         IntegrationError: Newton's method does not converge.
     """
     arm = as_robot(robot)

@@ -158,7 +158,7 @@ def _files(
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
         "n": model.size,
-        "memory": len(model.internal_states),
+        "internal_states": len(model.internal_states),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
         "dynamics": CLOSED_PROGRAMS[dynamics] if model.constraints else dynamics,

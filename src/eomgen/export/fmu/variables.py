@@ -1,11 +1,11 @@
 """Variables of a robot's FMU: names, units, start values, and what each depends on.
 
-A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, states of laws z,
+A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, internal states z,
 drives u, wrenches, and then what is computed: der(q), accelerations a, der(z), poses of frames, reactions of joints,
 energies.  Where loops or rigid couplings are closed, multipliers of their constraint follow on these, and there are no
 reactions.
 
-Kernels have states of laws behind the coordinates in all arrays; what is beside them in q acts on nothing, and is 0 in
+Kernels have internal states behind the coordinates in all arrays; what is beside them in q acts on nothing, and is 0 in
 u.  These numbers have value references, but are no variables of the description (``Layout.shown``).
 """
 
@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
+from eomgen.robot.internal_states.drives import input_of
 from eomgen.robot.mechanism import coordinate_of
-from eomgen.robot.memory.drives import input_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, leasts, number_of
 from eomgen.robot.rules import ROTORS
@@ -51,7 +51,7 @@ def exponents(name: str) -> dict[str, int]:
 
 
 _OF_FORCES = (unit_name(unit) for table in FAMILIES.values() for number in table.values() for unit in number.unit)
-UNITS: Mapping[str, Mapping[str, int]] = {  # but for those that states of laws alone have
+UNITS: Mapping[str, Mapping[str, int]] = {  # but for those that internal states alone have
     name: exponents(name)
     for name in (
         *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m"),
@@ -142,7 +142,7 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
         add("closing", [Variable(CLOSING, "parameter", "s", text, CLOSING_TIME, SHORTEST)])
     add("q", [*_states(model, "q", "Coordinate", "", len(layout_variables), home), *_beside_states(model, "q")])
     add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * len(model.coordinates)))
-    add("z", _states_of_laws(model, len(layout_variables)))
+    add("z", _internal_states(model, len(layout_variables)))
     add("u", [*_drives(model), *_beside_states(model, "u")])
     add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base frame", 0.0))
     add("rates", [*_rates(model, at), *_beside_states(model, "v")])
@@ -159,7 +159,9 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
         "energy",
         [
             Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=(*q, *v)),
-            Variable("energy.potential", "output", "J", "Energy of gravity, springs, states of laws", depends=(*q, *z)),
+            Variable(
+                "energy.potential", "output", "J", "Energy of gravity, springs, internal states", depends=(*q, *z)
+            ),
         ],
     )
     at["end"] = len(layout_variables)
@@ -182,8 +184,8 @@ def _states(model: Model, kind: str, text: str, per: str, first: int, start: Seq
         )
 
 
-def _states_of_laws(model: Model, first: int) -> Iterator[Variable]:
-    """Give the states of laws, from the value reference ``first`` on."""
+def _internal_states(model: Model, first: int) -> Iterator[Variable]:
+    """Give the internal states, from the value reference ``first`` on."""
     for i, x in enumerate(model.states):
         size, text = x.state.size(x.numbers), f"State of the {x.law} of {x.owner}"
         yield Variable(f"z.{x.name}", "output", unit_name(x.unit), text, 0.0, nominal=size, depends=(first + i,))
@@ -202,7 +204,7 @@ def _per_second(unit: str) -> str:
 
 
 def _beside_states(model: Model, kind: str) -> Iterator[Variable]:
-    """Give what stands behind coordinates where states of laws do among rates."""
+    """Give what stands behind coordinates where internal states do among rates."""
     start = 0.0 if kind in ("q", "u") else None
     for name in model.internal_states:
         yield Variable(f"{kind}.{name}", "local", "1", "Nothing", start, is_shown=False)

@@ -18,8 +18,8 @@ from ...names import joint_of
 from ...pipeline.building import build
 from ...progress import Progress
 from ...robot.coordinates import index_of, unit_of
+from ...robot.internal_states.drives import CURRENT_LIMIT, VOLTAGE_LIMIT, input_of, loops_of
 from ...robot.mechanism import coordinate_of, drive_of, leading_home
-from ...robot.memory.drives import CURRENT_LIMIT, VOLTAGE_LIMIT, input_of, loops_of
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
 from ...runtime.stepping.input_signals import DriveData, ModelDrive, Track, Waves

@@ -198,7 +198,7 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
     a, still = np.zeros(kernel.n), np.zeros(kernel.n)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
         a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
-    at = np.concatenate([q, still[q.size :]])  # states of laws rest
+    at = np.concatenate([q, still[q.size :]])  # internal states rest
     force = kernel.inverse_dynamics(at, still, a) - kernel.inverse_dynamics(at, still, still)
     stiffness = stiffnesses(kernel)
     for i in deviations:
@@ -235,7 +235,7 @@ def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assemb
 
 
 def _about(kernel: Kernel) -> str:
-    """Count coordinates, states of laws and moving links in words."""
+    """Count coordinates, internal states and moving links in words."""
     count = len(kernel.internal_states)
     states = f" {count} state{'s' * (count != 1)} of laws," if count else ""
     return f"{kernel.name}: {len(kernel.coordinates)} coordinates,{states} {len(kernel.links)} moving links."

@@ -199,23 +199,23 @@ def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return plain values that the script says of the kernel, and reads itself."""
-    memory = meta.get("internal_states", [])
+    internal_states = meta.get("internal_states", [])
     return {
         **{name: meta[name] for name in _SAID},
-        "memory": memory,
+        "internal_states": internal_states,
         "inputs": {
             name: {"meaning": meaning, "unit": unit, "force": place}
             for name, (meaning, unit, place) in meta.get("inputs", {}).items()
         },
         "constraints": meta.get("constraints", []),
-        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(memory)),
+        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(internal_states)),
         "sizes": meta.get("sizes", []),
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
         **({"matrices": meta["matrices"]} if "matrices" in meta else {}),
         "conditions": meta.get("conditions", []),
         "pushed": pushed,
-        "home": [*home, *(0.0 for _ in memory)],
+        "home": [*home, *(0.0 for _ in internal_states)],
         "model": None if rigid is None else {key: rigid[key] for key in ("coordinates", "parameters", "hoisted")},
     }
 
@@ -250,7 +250,7 @@ def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
         "adaptive": _literals([name for name in ADAPTIVE if name not in ROLLOUTS]),
         "array": {"float64": "Float64Array", "float32": "Float32Array"}[meta["dtype"]],
         **{key: _literals(meta[key]) for key in ("coordinates", "links", "frames", "parameters")},
-        "memory": _literals(meta.get("internal_states", ())),
+        "internal_states": _literals(meta.get("internal_states", ())),
     }
 
 

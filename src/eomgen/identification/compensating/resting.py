@@ -74,7 +74,7 @@ class _States:
         kernel = assembly.kernel
         n = len(kernel.coordinates)
         q0, v0, loose = initial_state(setting.robot, scenario, assembly)
-        self.q0, self._z = q0[:n], v0[n:] if kernel.internal_states else None  # states of laws stay
+        self.q0, self._z = q0[:n], v0[n:] if kernel.internal_states else None  # internal states stay
         places = names_in_scenarios(setting.robot)
         held = scenario.initial.held if scenario.initial else ()
         self._held = sorted({*loose, *(places[name] for name in held)})

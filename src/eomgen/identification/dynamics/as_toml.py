@@ -14,7 +14,7 @@ from ...files import check_ending
 from ...forms.toml_text import parse_toml
 from ...names import joint_of, kind_of, split_component
 from ...robot.coordinates import is_mode
-from ...robot.memory.bristles import LUGRE
+from ...robot.internal_states.bristles import LUGRE
 from ...robot.model import build_model
 from ...robot.value import INERTIA_KEYS, MOTOR, Joint, Link, Robot
 from ..calibration.as_toml import block_of, body_of, headed, numbers_text, replace_line, unwritable, write_compared

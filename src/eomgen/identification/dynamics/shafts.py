@@ -9,8 +9,8 @@ import numpy as np
 from ...errors import InputError
 from ...motion.files import MeasuredMotion
 from ...robot.coordinates import force_unit_of
+from ...robot.internal_states.drives import DRIVE, LAG, TORQUE_CONSTANT, has_drive, has_winding, input_of
 from ...robot.mechanism import coordinate_of
-from ...robot.memory.drives import DRIVE, LAG, TORQUE_CONSTANT, has_drive, has_winding, input_of
 from ...robot.model import build_model
 from ...robot.value import Joint, Robot
 

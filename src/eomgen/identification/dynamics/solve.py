@@ -34,7 +34,7 @@ from ...runtime.kernel import Kernel
 from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
 from ..estimating import SOLVED, evenly_sampled
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names
-from ..relations import Relations, anchored, completed, refuse_followers, refuse_memory, relations_of
+from ..relations import Relations, anchored, completed, refuse_followers, refuse_internal_states, relations_of
 from ..stiffness.beams import beam_notes
 from ..stiffness.result import Estimate
 from .further import FURTHER, GAINS, GAUSSIAN, SHAPES, STRIBECK, Sought, further_doubts
@@ -107,8 +107,8 @@ def identify(  # noqa: PLR0913
         bare = without_sought(robot, terms)
         kernel = build(bare, kernels=IDENTIFICATION, progress=progress or (lambda _: None))
     refuse_followers(robot, kernel)
-    such = "those of friction at drives, with the term dry; fit finds numbers of all laws with states"
-    refuse_memory(kernel, such)
+    such = "those of friction at drives, with the term dry; fit finds numbers of all laws with internal states"
+    refuse_internal_states(kernel, such)
     if TRANSMISSIONS in linear:
         relations = anchored(relations)
     parameter_names(kernel, linear, relations)

@@ -2,7 +2,7 @@
 
 The robot is simulated under the drives of the file, and its parameters, with the states at the beginning, are those
 with which it comes closest to the measured coordinates: least squares of white noise of these.  Nothing is
-differentiated and nothing filtered, so that noise stays as it is, and states of laws need not be measured: z at the
+differentiated and nothing filtered, so that noise stays as it is, and internal states need not be measured: z at the
 beginning is found as q and v there are.  Derivatives are those of the steps themselves, by sensitivities in C.
 
 A motion with wrong numbers may be far from the measured one.  So the model is led along it at first, by gains that
@@ -28,8 +28,8 @@ from ...optional import optional_import
 from ...pipeline.building import build
 from ...pipeline.mechanisms import mechanism_kernels
 from ...progress import StageReport
+from ...robot.internal_states.drives import DRIVE
 from ...robot.laws import law_conflict
-from ...robot.memory.drives import DRIVE
 from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, leasts
 from ...robot.value import Robot
@@ -41,7 +41,7 @@ from .levenberg_marquardt import BLOCKS, Certainty, Descent, certainty, descend
 from .result import Estimate, FitResult, FittedNumber
 from .simulated import LEAST_NOISE, Simulation, run_of
 
-KEPT = ("fade", "smoothing", "A")  # numbers of laws with states that are looked for by their names alone
+KEPT = ("fade", "smoothing", "A")  # numbers of laws with internal states that are looked for by their names alone
 LED = (0.1, 0.01)  # bandwidths of the first descents, per step of the samples
 STEPS = 30, 100  # of each of these, and of the last descent
 ENOUGH = 2.0  # times the noise: errors at which the first descents end
@@ -102,8 +102,8 @@ def fit_numbers(
     if model.constraints and model.internal_states:
         some = ", ".join(model.constraints[:3]) + (", ..." if len(model.constraints) > 3 else "")
         raise InputError(
-            f"fit: {robot.name} has rigid loops or couplings ({some}) and laws with states; allowed for parameters:"
-            " one of both"
+            f"fit: {robot.name} has rigid loops or couplings ({some}) and laws with internal states; allowed for"
+            " parameters: one of both"
         )
     if not names:
         raise InputError("parameters: none; allowed: one at least, by name, as numbers of drives are always")
@@ -218,16 +218,16 @@ class _Fit:
 
     def _notes(self, simulation: Simulation, descent: Descent, sure: Certainty) -> tuple[str, ...]:
         """Say how the fit was made."""
-        memory, width = simulation.kernel.internal_states, simulation.moving.size
+        internal_states, width = simulation.kernel.internal_states, simulation.moving.size
         led = f", led along the motion with {self.bandwidth:g} rad/s" if self.bandwidth else ""
         notes = [
             f"simulated under the drives of the motion, straight lines between samples{led}; positions alone are"
             " compared; states at the beginning are fitted, too"
         ]
-        for k in range(len(simulation.runs) if memory else 0):
-            start = descent.values[len(simulation.names) + k * width :][:width][-len(memory) :]
-            found = ", ".join(f"{name} {z:.3g}" for name, z in zip(memory, start.tolist(), strict=True))
-            notes.append(f"states of laws at the beginning of {simulation.runs[k].source}: {found}")
+        for k in range(len(simulation.runs) if internal_states else 0):
+            start = descent.values[len(simulation.names) + k * width :][:width][-len(internal_states) :]
+            found = ", ".join(f"{name} {z:.3g}" for name, z in zip(internal_states, start.tolist(), strict=True))
+            notes.append(f"internal states at the beginning of {simulation.runs[k].source}: {found}")
         if not sure.is_white:
             notes.append(f"what the simulation leaves is no white noise: intervals come from {BLOCKS} blocks of time")
         return tuple(notes)

@@ -39,7 +39,7 @@ class Run:
         q: measured coordinates, (T, k).
         places: of these among the kernel's, (k,).
         noise: their standard deviations, (k,), m or rad.
-        start: q and v of the state at the beginning, (n,) each, states of laws among v.
+        start: q and v of the state at the beginning, (n,) each, internal states among v.
         loads: drives and prescribed motions.
         rtol, atol: of the steps; atol is (2 n,).
     """

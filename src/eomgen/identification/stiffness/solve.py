@@ -115,9 +115,9 @@ def fit(  # noqa: PLR0913
         raise InputError(f"confidence: {show(confidence)}; allowed: a number between 0 and 1")
     if not (is_usable(bandwidth) and bandwidth >= 0.0):
         raise InputError(f"bandwidth: {show(bandwidth)}; allowed: a number of rad/s, at least 0")
-    memory = build_model(robot).internal_states
-    if parameters is not None or memory:
-        _refuse_beside(memory, coordinates, matrices, parameters)
+    internal_states = build_model(robot).internal_states
+    if parameters is not None or internal_states:
+        _refuse_beside(internal_states, coordinates, matrices, parameters)
         names = numbers_sought(robot, parameters)
         report, motions = progress or no_report, _each(motion)
         return fit_numbers(
@@ -212,12 +212,17 @@ def _each(motion: Motion | Sequence[Motion]) -> list[Motion]:
 
 
 def _refuse_beside(
-    memory: Sequence[str], coordinates: Sequence[str], matrices: Sequence[str] | None, parameters: Sequence[str] | None
+    internal_states: Sequence[str],
+    coordinates: Sequence[str],
+    matrices: Sequence[str] | None,
+    parameters: Sequence[str] | None,
 ) -> None:
-    """Raise InputError for what is found from forces where simulations are asked for, or states of laws need them."""
+    """Raise InputError for what is found from forces where simulations are asked for, or internal states need them."""
     for label, value in (("coordinates", coordinates), ("matrices", matrices)):
         if value:
-            reason = f"laws have states ({listed(memory)})" if parameters is None else "parameters are asked for"
+            reason = (
+                f"laws have states ({listed(internal_states)})" if parameters is None else "parameters are asked for"
+            )
             raise InputError(
                 f"{label}: {listed(value)}, and {reason}, so that numbers are found by simulations; allowed: names of"
                 " parameters alone"

@@ -10,9 +10,9 @@ from typing import Any
 from ..bounds import Limits
 from ..fields import LATER, Picklable
 from ..geometry import COORDINATES, LINEAR
+from ..internal_states.bouc_wen import elastic_share
+from ..internal_states.drives import DRIVE
 from ..laws import BASIC, GAUSSIAN, NUMBERS, SHAPES, Curve, active_laws, defaults
-from ..memory.bouc_wen import elastic_share
-from ..memory.drives import DRIVE
 
 ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
     {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
@@ -146,13 +146,13 @@ class Coordinate(Picklable):
         not act on the deviation alone.
         """
         numbers = self.law()
-        remembering = {law.name for law in active_laws(numbers) if law.states is not None and law.states(numbers)}
-        if not remembering:
+        with_states = {law.name for law in active_laws(numbers) if law.states is not None and law.states(numbers)}
+        if not with_states:
             return self
         friction = self.friction
-        if friction is not None and "friction" in remembering:
+        if friction is not None and "friction" in with_states:
             friction = replace(friction, bristle_stiffness=None, bristle_damping=None, fade=None)
-        further = {key: number for key, number in self.further.items() if key.partition(".")[0] not in remembering}
+        further = {key: number for key, number in self.further.items() if key.partition(".")[0] not in with_states}
         return replace(self, friction=friction, further=further, **self._with_spring(elastic_share(numbers)))
 
     def _with_spring(self, stiffness: float) -> dict[str, Any]:

@@ -194,7 +194,7 @@ class Joint(Jointed):
     def rigid(self, *, loose: bool = False) -> Joint:
         """Return the joint with deviations locked, and its motor's inertia as an armature of inertia ratio^2.
 
-        Without stops and states of laws: drives use this model, do not push a joint off its stop, and know no bristles.
+        Without stops and internal states: drives use it, do not push a joint off its stop, and have no bristles.
 
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """

@@ -285,7 +285,7 @@ class Robot(Picklable):
     def rigid(self) -> Robot:
         """Return the robot with deviations locked: principal and prescribed coordinates and free joints move.
 
-        Stops of joints and states of laws are left out: friction is that with which bristles slide.  Links do not bend.
+        Stops of joints and internal states are left out: friction is that of sliding bristles.  Links do not bend.
 
         Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 

@@ -1,4 +1,4 @@
-"""Analyses of robots with states of laws, against differences of their equations of motion and their motions."""
+"""Analyses of robots with internal states, against differences of their equations of motion and their motions."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_modes_are_eigenvalues_of_the_linear_system(drives: str, built: Build) -
     options = {"drives": drives, "kernel": kernel} | ({"kp": 1e3, "kd": 2.0} if drives == "pd" else {})
     found, system = modes(robot, POSE, **options), linearize(robot, POSE, **options)
     states = kernel.internal_states[1:] if drives == "locked" else kernel.internal_states
-    assert found.zeros == found.memory == states
+    assert found.zeros == found.internal_states == states
     assert system.states[-len(states) :] == states
     s = found.eigenvalues
     whole = np.concatenate([s, s[s.imag > 0.0].conj(), np.zeros(len(states))])
@@ -149,7 +149,7 @@ def test_responses_are_those_of_the_linear_system(built: Build) -> None:
 
 
 @pytest.mark.parametrize("moving", [True, False])
-def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
+def test_internal_states_are_outputs(moving: bool, built: Build) -> None:
     """A state as an output is itself, its rate as a velocity; a locked coordinate's does not change."""
     robot = bristled_arm()
     kernel = built(robot)
@@ -169,9 +169,9 @@ def test_states_of_laws_are_outputs(moving: bool, built: Build) -> None:
     assert (itself.B[8:] == rate.D).all()
     assert itself.output_units == kernel.internal_state_units == ("rad", "rad")
     assert itself.bode(outputs="j2.beta.friction.z").unit("j2.beta.friction.z", "tcp.fx") == "rad per N"
-    with pytest.raises(InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, a law's state; allowed"):
+    with pytest.raises(InputError, match=r"kind: 'acceleration' of j1\.gamma\.friction\.z, an internal state; allowed"):
         linearize(robot, q, kind="acceleration", **options)
-    with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* a state of a law \(j1\.gamma\.fric"):
+    with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* an internal state \(j1\.gamma\.fric"):
         linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})
     if not moving:
         locked = linearize(robot, q, held=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})
@@ -279,10 +279,10 @@ def test_results_are_kept(built: Build, tmp_path: object) -> None:
     system = linearize(robot, POSE, kernel=built(robot), z=BENT)
     system.save(tmp_path / "system.npz")
     again = eomgen.load_result(tmp_path / "system.npz")
-    assert again.memory == system.memory
+    assert again.internal_states == system.internal_states
     assert (again.z == system.z).all()
     assert system.as_dict()["state"]["z"] == BENT
-    assert any("states of laws: j1.gamma.friction.z" in line for line in system.lines())
+    assert any("internal states: j1.gamma.friction.z" in line for line in system.lines())
 
 
 def test_what_cannot_be_is_refused(built: Build) -> None:

@@ -1,4 +1,4 @@
-"""Laws with states on coordinates, and between motors and joints: rows, slopes, energies and implicit shares.
+"""Laws with internal states on coordinates, and between motors and joints: rows, slopes, energies and implicit shares.
 
 A state is the velocity of an inertia w without a link, and minus w times its rate is the force that resists it: what it
 stores is w z^2 / 2, so that powers of all generalized forces together are those that the law takes.
@@ -18,8 +18,8 @@ from .formula import StateEffect
 from .formulas import StateLaw, state_laws
 
 
-class MemoryLaws(ForceElement):
-    """Laws with states of all coordinates and transmissions that have such."""
+class InternalStateLaws(ForceElement):
+    """Laws with internal states of all coordinates and transmissions that have such."""
 
     FAMILY: ClassVar[str] = JOINTS
 
@@ -80,13 +80,13 @@ class MemoryLaws(ForceElement):
         """Add slopes of forces and of states' rates of coordinates."""
         for at, effect in self._effects(share.q, share.v):
             if at.motor is None:
-                share.in_memory(at, effect.slopes)
+                share.in_internal_states(at, effect.slopes)
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add slopes of forces and of states' rates of transmissions."""
         for at, effect in self._effects(share.q, share.v) if self.at.bound.transmissions else ():
             if at.motor is not None:
-                share.in_memory(at, effect.slopes)
+                share.in_internal_states(at, effect.slopes)
 
     def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         for at, effect in self._effects(q, v):

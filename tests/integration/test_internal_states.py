@@ -36,7 +36,7 @@ def test_all_methods_agree_at_any_speed(method: Any, kernel: eomgen.Kernel) -> N
     """Of rk4 by its default step, too, which bristles at this speed make a hundred times shorter than at rest."""
     motion = integrate(kernel, [0.0], [1.0], 0.02, method=method, rtol=1e-7, **FAST)
     exact = integrate(kernel, [0.0], [1.0], 0.02, method="radau", rtol=1e-10, **FAST)
-    assert (motion.memory, motion.coordinates) == (("slide.z.friction.z",), ("slide.z",))
+    assert (motion.internal_states, motion.coordinates) == (("slide.z.friction.z",), ("slide.z",))
     assert motion.z is not None
     assert exact.z is not None
     for name in ("q", "v", "z"):
@@ -127,7 +127,7 @@ def test_arguments_are_of_coordinates(kernel: eomgen.Kernel) -> None:
         integrate(kernel, [0.0], [0.0], 0.05, drive=lambda t, q, v: [0.0, 0.0])
 
 
-def test_states_of_laws_that_have_none_are_refused(built: Build) -> None:
+def test_internal_states_that_have_none_are_refused(built: Build) -> None:
     plain = built(block("coulomb = 1.0"), "forward_dynamics", "energy", "mass_matrix")
     refused(InputError, "z0: no force law of block has internal states", integrate, plain, [0.0], [0.0], 0.1, z0=[0.0])
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
 
-from eomgen.robot.memory.drives import RESISTANCE, TORQUE_CONSTANT, has_winding
+from eomgen.robot.internal_states.drives import RESISTANCE, TORQUE_CONSTANT, has_winding
 from eomgen.robot.parameter_names import JOINTS
 
 from ...tree.composite import Rows
@@ -83,7 +83,7 @@ class Drives(ForceElement):
     def add_diagonal(self, share: ImplicitShare) -> None:
         """Add slopes of forces and of states' rates."""
         for (i, states), drive in self._drives(share.q, share.v, share.inputs, share.gains):
-            share.in_memory(StateSite({i: 1.0}, states, coordinate=i), self._block(i, states, drive))
+            share.in_internal_states(StateSite({i: 1.0}, states, coordinate=i), self._block(i, states, drive))
 
     def _block(self, i: int, states: Sequence[int], drive: Driven) -> StateSlopes:
         names = self._names(i)

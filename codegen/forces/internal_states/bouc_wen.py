@@ -9,17 +9,17 @@ It stores share k s^2 / 2 + (1 - share) k z^2 / (2 A) and takes energy for good 
 
 from __future__ import annotations
 
-from eomgen.robot.memory.bouc_wen import WOUND
+from eomgen.robot.internal_states.bouc_wen import WOUND
 
 from ...tree.spatial import Scalar
 from ..element import StateSlopes
 from ..scalar_functions import Functions
-from .formula import Remembered, StateEffect
+from .formula import LawArguments, StateEffect
 
 LEAST = 1e-30  # in whose place stands a smaller |z|, so that its logarithm is a number
 
 
-def hysteresis(x: Remembered) -> StateEffect:
+def hysteresis(x: LawArguments) -> StateEffect:
     """Return the hysteresis of a coordinate's numbers."""
     keys = ("stiffness", "A", "beta", "gamma", "n", "share")
     k, A, beta, gamma, n, part = (x.numbers[f"{WOUND}.{key}"] for key in keys)

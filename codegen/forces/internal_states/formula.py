@@ -1,4 +1,4 @@
-"""Arguments and results of formulas of laws with states."""
+"""Arguments and results of formulas of laws with internal states."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..scalar_functions import Functions
 
 
 @dataclass(frozen=True)
-class Remembered:
+class LawArguments:
     """Arguments of a law: the numbers of its coordinate's laws, deviation s, rate v, states z (k,), their inertias.
 
     s: m or rad; v: per s.  f: functions of the scalars.

@@ -7,15 +7,15 @@ of every branch, z what its spring is stretched by.  It stores k z^2 / 2.
 
 from __future__ import annotations
 
-from eomgen.robot.memory.branches import BRANCHES
+from eomgen.robot.internal_states.branches import BRANCHES
 
 from ...tree.composite import Rows
 from ...tree.spatial import Scalar
 from ..element import StateSlopes
-from .formula import Remembered, StateEffect
+from .formula import LawArguments, StateEffect
 
 
-def maxwell(x: Remembered) -> StateEffect:
+def maxwell(x: LawArguments) -> StateEffect:
     """Return the force of all branches of a coordinate's numbers."""
     force: Scalar = 0.0
     rates, springs, g_z = list[Scalar](), list[Scalar](), Rows()

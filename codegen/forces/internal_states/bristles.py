@@ -11,16 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from eomgen.robot.memory.bristles import BRISTLES
+from eomgen.robot.internal_states.bristles import BRISTLES
 
 from ...tree.spatial import Scalar
 from ..element import StateSlopes
 from ..laws import bell
 from ..scalar_functions import Functions
-from .formula import Remembered, StateEffect
+from .formula import LawArguments, StateEffect
 
 
-def lugre(x: Remembered) -> StateEffect:
+def lugre(x: LawArguments) -> StateEffect:
     """Return the friction of a coordinate's numbers."""
     numbers, v, f = x.numbers, x.v, x.f
     (z,), stiffness = x.z, numbers[BRISTLES]

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from eomgen.robot.memory.drives import (
+from eomgen.robot.internal_states.drives import (
     CURRENT_LIMIT,
     INDUCTANCE,
     LAG,

@@ -10,6 +10,7 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, IntegrationStopped
+from eomgen.motion import read_motion
 from eomgen.robot.value import Robot
 from eomgen.scenario import scenario_from_toml
 from eomgen.scenario.recorded import scenario_from_record
@@ -74,7 +75,7 @@ def result(robot: Robot) -> SimulationResult:
 def test_beginnings_and_pieces(result: SimulationResult, robot: Robot) -> None:
     """States begin where the scenario says, go on where a wrench sets in, and the energies balance."""
     motion = result.trajectory
-    assert motion.memory == NAMES
+    assert motion.internal_states == NAMES
     assert motion.z[0].tolist() == [3e-5, -2e-5, 0.0]
     assert (np.abs(np.diff(motion.z, axis=0)).max(axis=0) < 1e-4).all()
     assert result.balance.relative_residue < 1e-4
@@ -96,20 +97,25 @@ def test_series_tables_and_files(result: SimulationResult, tmp_path: Path) -> No
         column = next(column for column in rows.columns if column.name == name)
         assert (column.unit, column.values.tolist()) == ("rad", series.values.tolist())
     again = eomgen.load_result(result.save(tmp_path / "motion.npz"))
-    assert again.trajectory.memory == NAMES
+    assert again.trajectory.internal_states == NAMES
     assert again.series(name).values.tolist() == series.values.tolist()
+    older = {"internal_states": "memory", "internal_state_units": "memory_units"}  # names in files of older versions
+    with np.load(tmp_path / "motion.npz") as arrays:
+        np.savez(tmp_path / "older.npz", **{older.get(key, key): arrays[key] for key in arrays.files})
+    assert eomgen.load_result(tmp_path / "older.npz").trajectory.internal_states == NAMES
+    assert set(read_motion(tmp_path / "older.npz", motion.coordinates).states) == set(NAMES)
     assert simulated_robot(again).name == "bristled"
     refused(InputError, r"elbow\.gamma\.friction\.z", motion.of, "elbow.gamma.friction.y")
     with np.load(tmp_path / "motion.npz") as archive:
         arrays = dict(archive)
     for key, value, said in (
-        ("memory", np.array(["a.x.friction.z", *NAMES[1:]]), "array memory"),
-        ("memory", np.array(["elbow.gamma", *NAMES[1:]]), "array memory"),
-        ("memory", np.array([*NAMES[:2], NAMES[1]]), "array memory"),
-        ("memory_units", np.array(["rad", "<b>", "rad"]), "memory_units"),
+        ("internal_states", np.array(["a.x.friction.z", *NAMES[1:]]), "array internal_states"),
+        ("internal_states", np.array(["elbow.gamma", *NAMES[1:]]), "array internal_states"),
+        ("internal_states", np.array([*NAMES[:2], NAMES[1]]), "array internal_states"),
+        ("internal_state_units", np.array(["rad", "<b>", "rad"]), "internal_state_units"),
         ("z", arrays["z"][:, :2], "array z"),
         ("z", np.where(arrays["z"] == 0.0, np.nan, arrays["z"]), "array z"),
-        ("z", None, "memory, memory_units and z"),
+        ("z", None, "internal_states, internal_state_units and z"),
     ):
         changed = {**arrays, key: value}
         np.savez(tmp_path / "bad.npz", **{name: x for name, x in changed.items() if x is not None})
@@ -121,7 +127,7 @@ def test_states_of_followers_are_kept(tmp_path: Path) -> None:
     law = f"friction = {{ {BRISTLES.format(0.2, 0.3)} }}"
     result = run_scenario(robot_from_toml(gear_text(law)), scenario_from_toml("duration = 0.01"))
     again = eomgen.load_result(result.save(tmp_path / "motion.npz")).trajectory
-    assert again.memory == ("j1.gamma.friction.z", "j2.gamma.friction.z")
+    assert again.internal_states == ("j1.gamma.friction.z", "j2.gamma.friction.z")
     assert again.coordinates == ("j1.gamma",)
 
 
@@ -130,14 +136,14 @@ def test_streams_have_states(result: SimulationResult, robot: Robot, tmp_path: P
     motion = run_scenario(robot, scenario_from_toml(PUSHED), stream=tmp_path / "run.zarr").trajectory
     found = eomgen.load_stream(tmp_path / "run.zarr")
     assert found.complete
-    assert found.memory == NAMES
+    assert found.internal_states == NAMES
     for name in ("t", "q", "v", "z"):
         assert np.array_equal(getattr(found, name), getattr(motion, name)), name
     assert found.series(NAMES[0]).values.tolist() == result.series(NAMES[0]).values.tolist()
     refused(InputError, r"elbow\.gamma\.friction\.z", found.series, "friction.z")
     attributes = tmp_path / "run.zarr" / "zarr.json"
     attributes.write_text(attributes.read_text().replace("shoulder.gamma.friction.z", "shoulder.gamma"))
-    refused(InputError, "attributes: memory", eomgen.load_stream, tmp_path / "run.zarr")
+    refused(InputError, "attributes: internal_states", eomgen.load_stream, tmp_path / "run.zarr")
 
 
 def test_equilibria_keep_states(robot: Robot) -> None:

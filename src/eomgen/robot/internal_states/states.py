@@ -1,4 +1,4 @@
-"""States of laws: their names, inertias and sizes.
+"""Internal states: their names, inertias and sizes.
 
 In equations a state z is a velocity of an inertia w without a link: w z^2 / 2 is the energy that it stores; w is 1 of a
 state that stores none.
@@ -15,7 +15,7 @@ from ..numbers import Values
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """A state of a law.
+    """An internal state.
 
     Attributes:
         name: below the law's: "z".
@@ -36,7 +36,7 @@ class State:
 
 @dataclass(frozen=True)
 class OwnedState:
-    """A state of a law of somebody.
+    """An internal state of somebody.
 
     Attributes:
         prefix: of the law's parameters: "joints.joint1.gamma", "joints.joint1.motor" of a rotor or a transmission,

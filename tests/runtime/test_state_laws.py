@@ -60,7 +60,7 @@ FACTOR = "loss_factor = 0.1, band_hz = [1.0, 2.0]"
 BRANCHES = ((30.0, 6.0), (20.0, 0.5))
 MAXWELL = f"maxwell = [{', '.join(f'{{ stiffness = {k}, damping = {c} }}' for k, c in BRANCHES)}]"
 ARM = f"""
-name = "remembering_arm"
+name = "stateful_arm"
 gravity = [0.0, -9.81, 0.0]
 {link_table("l1", 2.0, (0.2, 0.01, 0.0), (0.1, 0.12, 0.13))}
 {link_table("l2", 1.0, (0.2, 0.0, 0.05), (0.02, 0.03, 0.04))}
@@ -543,7 +543,7 @@ def test_friction_by_a_load_that_a_state_carries_is_refused() -> None:
         return slide(f"friction = {{ coefficient = 0.1 }} }}\nx = {{ stiffness = 1e3, {law}")
 
     assert loaded("damping = 1.0").joint("rail").coordinates["x"].damping == 1.0
-    said = r"rail\.z\.friction.*x carries .* a law with states, hysteresis, maxwell"
+    said = r"rail\.z\.friction.*x carries .* a law with internal states, hysteresis, maxwell"
     refused(DescriptionError, said, loaded, f"{SHARP}, {MAXWELL}")
 
 
@@ -647,7 +647,7 @@ def test_simulations_of_all_methods_agree_and_balance(name: str, tmp_path: Path)
         integrator = f'[integrator]\nmethod = "{method}"\nrtol = 1e-8\n'
         result = run_scenario(robot, scenario_from_toml(f"duration = {duration}\n{initial}{integrator}"))
         motion = result.trajectory
-        assert (motion.coordinates, motion.memory) == ((coordinate,), states)
+        assert (motion.coordinates, motion.internal_states) == ((coordinate,), states)
         assert motion.z.shape == (len(motion.t), len(states))
         assert motion.q.shape == motion.u.shape == (len(motion.t), 1)
         assert result.balance.relative_residue < 1e-5
@@ -656,7 +656,7 @@ def test_simulations_of_all_methods_agree_and_balance(name: str, tmp_path: Path)
     assert all(end == pytest.approx(ends[-1], rel=1e-6, abs=within) for end in ends), ends
     result.save(tmp_path / "motion.npz")
     again = eomgen.load_result(tmp_path / "motion.npz").trajectory
-    assert again.memory == motion.memory
+    assert again.internal_states == motion.internal_states
     assert (again.z == motion.z).all()
 
 

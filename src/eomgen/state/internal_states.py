@@ -1,4 +1,4 @@
-"""States of laws beside a kernel's coordinates: vectors of both, and their rows in linear systems.
+"""Internal states beside a kernel's coordinates: vectors of both, and their rows in linear systems.
 
 There z' = G_q dq + G_v dv + G_z dz, and they resist motion by F dz.
 A state whose rate depends on velocities alone, G_q = 0 and G_z = 0, as of bristles that stick, is z = G_v e and a
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show, split_state
-from ..robot.memory.branches import BRANCHES
+from ..robot.internal_states.branches import BRANCHES
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
@@ -30,7 +30,7 @@ STICKS = 1e-200  # 1/s: a rate of a state at such a velocity
 
 
 def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
-    """Return states of laws, (m,), m or rad: zeros where nothing is said, or by names, those left out 0.
+    """Return internal states, (m,), m or rad: zeros where nothing is said, or by names, those left out 0.
 
     Raises:
         InputError: no law of the robot has a state.
@@ -79,8 +79,8 @@ def at_rest_with(kernel: Kernel, z: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawStates(Shown):
-    """States of laws beside m independent coordinates, p of them.
+class InternalStates(Shown):
+    """Internal states beside m independent coordinates, p of them.
 
     Attributes:
         names: of the states.
@@ -103,7 +103,7 @@ class LawStates(Shown):
         """Which rates depend on velocities alone, (p,)."""
         return np.asarray(~(self.by_q.any(axis=1) | self.by_z.any(axis=1)))
 
-    def taking_part(self) -> LawStates:
+    def taking_part(self) -> InternalStates:
         """Return the states that motions change or that act on them, and those that are coupled to these."""
         part = self.by_q.any(axis=1) | self.by_v.any(axis=1) | self.acts.any(axis=0)
         coupled = (self.by_z != 0.0) | (self.by_z != 0.0).T
@@ -111,10 +111,10 @@ class LawStates(Shown):
             part = part | coupled[:, part].any(axis=1)
         return self.without(np.asarray(~part))
 
-    def without(self, mask: Mask) -> LawStates:
+    def without(self, mask: Mask) -> InternalStates:
         """Return the other states; those of the mask, which stick, follow the coordinates: z = G_v e."""
         left = ~mask
-        return LawStates(
+        return InternalStates(
             names=tuple(name for name, stays in zip(self.names, left, strict=True) if stays),
             places=self.places[left],
             inertia=self.inertia[left],
@@ -129,7 +129,7 @@ class LawStates(Shown):
         return np.asarray(forces[self.places] / self.inertia[:, np.newaxis])
 
 
-def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, basis_rate: Array) -> LawStates:
+def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, basis_rate: Array) -> InternalStates:
     """Return the states of a kernel's laws, from slopes of the equations of motion.
 
     Args:
@@ -141,7 +141,7 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
     K, D, M = slopes
     inertia = np.diagonal(M)[index]
     by_q, by_v = (-matrix[index] / inertia[:, np.newaxis] for matrix in (K, D))
-    return LawStates(
+    return InternalStates(
         names=kernel.internal_states,
         places=index,
         inertia=inertia,
@@ -153,7 +153,7 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
 
 
 def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array, u: Array | None = None) -> tuple[Array, Array, Array]:
-    """Return derivatives of the residual by q, v and a, of laws with states at rest the means of both directions.
+    """Return derivatives of the residual by q, v and a, with internal states at rest the means of both directions.
 
     Bristles that are bent yield in the one direction and not in the other.  Drives are within their limits, or where
     inputs u of them, (kernel.n,), leave them.
@@ -182,7 +182,7 @@ def _passive_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array
 
 
 def state_rates(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
-    """Return accelerations, (kernel.n,), with the rates of states of laws behind those of coordinates."""
+    """Return accelerations, (kernel.n,), with the rates of internal states behind those of coordinates."""
     n = len(kernel.coordinates)
     if n == kernel.n:
         return a

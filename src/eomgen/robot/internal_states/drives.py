@@ -145,7 +145,7 @@ def short_time_notes(states: Iterable[OwnedState]) -> tuple[str, ...]:
 def drive_states(numbers: Collection[str]) -> tuple[State, ...]:
     """Return the states of a drive, from the outside to the winding or the lag: no loop of them has a pivot that is 0.
 
-    A drive that remembers nothing has the state "input", which is and stays 0: its place is that of a force beside it.
+    A drive without others has the state "input", which is and stays 0: its place is that of a force beside it.
     """
     names = [
         f"{what}_{loop}"

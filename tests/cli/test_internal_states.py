@@ -40,7 +40,7 @@ CALLS = {  # words, exit code, what is said
     "observer": (
         ("arm.toml", "--measure", "encoder:j1.gamma", "-o", "observer", "--step", "1e-3"),
         1,
-        "observer of bristled: it has states of laws",
+        "observer of bristled: it has internal states",
     ),
     "bench": (("arm.toml",), 0, "the textbook's algorithms know linear springs and dampers only"),
     "bound": (
@@ -60,7 +60,7 @@ CALLS = {  # words, exit code, what is said
     "deflection": (("arm.toml", "--state", f"{Z2}=1e-5"), 0, f"'{Z2}': kept at 1e-05"),
     "modes": (("arm.toml", "--pose", "0.3", "0.4"), 0, f"'{Z2}': has an eigenvalue of 0"),
     "response": (("arm.toml", "--points", "5"), 0, "tcp.z                   tcp.fz"),
-    "linearize": (("arm.toml",), 0, f"states of laws: {Z1}, {Z2}"),
+    "linearize": (("arm.toml",), 0, f"internal states: {Z1}, {Z2}"),
     "budget": (("out", "--robot", "arm.toml"), 0, "j2.beta"),
     "compare": (("arm.toml", "other.toml", "--duration", "0.1"), 0, "other"),
     "forces": (("arm.toml", "measured.csv"), 1, "laws of 'j1.gamma', 'j2.beta' have states; allowed: robots without"),

@@ -1,1 +1,0 @@
-"""Laws with states of their own: their numbers, rules and states, one file each."""
