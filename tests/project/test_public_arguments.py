@@ -66,7 +66,7 @@ def test_the_list_has_functions_fields_methods_and_names_of_before() -> None:
     arguments = public.listed(LIST)
     assert arguments["eomgen.simulate"][0] == "robot"
     assert "placement" in arguments["eomgen.Joint"]
-    assert arguments["eomgen.Kernel.assemble"] == arguments["eomgen.Kernel.close"] == ["q", "held", "roots"]
+    assert arguments["eomgen.Kernel.assemble"] == ["q", "fixed", "roots"]
     assert arguments["eomgen.pictures.plot_response"][:2] == ["response", "found"]
     assert "eomgen.Kernel" not in arguments
 

@@ -164,7 +164,7 @@ class DrivesAtRest:
 
 
 def drives_at_rest(
-    kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
+    kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, fixed: Container[str] = ()
 ) -> tuple[Array, Array]:
     """Return inputs u, (n,), and states of laws, (m,), with which drives exert forces on a robot at rest.
 
@@ -176,7 +176,7 @@ def drives_at_rest(
         q: coordinates, (n,).
         forces: on coordinates, (n,), N or N m, as ``static_equilibrium`` returns them.
         z: states of other laws, (m,); 0 by default.
-        held: names of coordinates that are held by something else: u is the force there, and states stay as in z.
+        fixed: names of coordinates that are held by something else: u is the force there, and states stay as in z.
 
     Raises:
         ArrayError: an array is wrong.
@@ -186,9 +186,9 @@ def drives_at_rest(
     n, drives = len(kernel.coordinates), DrivesAtRest(kernel)
     q, u = (state_vector(label, x, kernel.coordinates) for label, x in (("q", q), ("forces", forces)))
     states = np.zeros(len(kernel.internal_states)) if z is None else state_vector("z", z, kernel.internal_states)
-    drives.refuse_overload(u, held)
+    drives.refuse_overload(u, fixed)
     for i, one in drives.drives.items():
-        if kernel.coordinates[i] in held:
+        if kernel.coordinates[i] in fixed:
             continue
         own = f"{kernel.coordinates[i]}.{DRIVE}."
         for k, name in enumerate(kernel.internal_states):
