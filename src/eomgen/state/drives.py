@@ -16,6 +16,7 @@ from ..robot.memory.drives import DRIVE, STATES
 from ..robot.memory.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
+from ..runtime.methods.kernel_methods import KernelFunctions
 from .elements import element_numbers
 from .vectors import state_vector
 
@@ -52,7 +53,7 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
     Args:
         q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
     """
-    by_q, by_v, by_u = kernel.calls.run("drive_jacobian", None, (q, v, u))
+    by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, v, u))
     inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.velocities])
     for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
         i = kernel.coordinates.index(name)
