@@ -88,7 +88,7 @@ def _let_go(kernel: eomgen.Kernel) -> tuple[Array, Array]:
 def _sagged(kernel: eomgen.Kernel) -> tuple[Array, Array]:
     """Return a state at home with the springs loaded as gravity loads them while the drives hold; then no drives."""
     held = [name for name in kernel.coordinates if name.endswith(".gamma")]
-    return static_equilibrium(kernel, _home(kernel), held=held)[0], np.zeros(kernel.n)
+    return static_equilibrium(kernel, _home(kernel), fixed=held)[0], np.zeros(kernel.n)
 
 
 def _lifted(kernel: eomgen.Kernel) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from eomgen.codegen.kernels.entries import Signature
 from eomgen.codegen.kernels.signatures import CORE, MORE, OWN_KERNELS
+from eomgen.runtime.methods.bound import PARTS
 
 PATH = Path(__file__).parents[1] / "src/eomgen/runtime/methods/kernel_methods.py"
 SHAPES = {"q": "(n,)", "v": "(n,)", "a": "(n,)", "u": "(n,)"}
@@ -88,13 +89,14 @@ def method(name: str, signature: Signature, found: str) -> str:
     if "z" in options and name == "forward_dynamics":  # the last of its arguments of state
         parameters.append(f"z: {TYPES['z']}")
     parameters += ["*", *(f"{x}: {TYPES[x]}" for x in options if not any(p.startswith(f"{x}:") for p in parameters))]
-    head = f"    def {name}({', '.join(parameters)}) -> Array:"
+    returned = "tuple[Array, ...]" if signature.writes in PARTS else "Array"
+    head = f"    def {name}({', '.join(parameters)}) -> {returned}:"
     if len(head) > 120:
-        head = "\n".join([f"    def {name}(", *(f"        {x}," for x in parameters), "    ) -> Array:"])
+        head = "\n".join([f"    def {name}(", *(f"        {x}," for x in parameters), f"    ) -> {returned}:"])
     doc = documented(signature, found).replace("\n", "\n        ").replace("        \n", "\n")
     closing = "\n        " if "\n" in doc else ""
-    arguments = ", ".join([*signature.reads, *framed, *options])
-    return f'{head}\n        """{doc}{closing}"""\n        return self._bound["{name}"]({arguments})\n'
+    call = f'self._bound["{name}"]({", ".join([*signature.reads, *framed, *options])})'
+    return f'{head}\n        """{doc}{closing}"""\n        return {call if returned == "Array" else f"tuple({call})"}\n'
 
 
 def module(text: str) -> str:

@@ -37,6 +37,7 @@ Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws"
 DERIVED: tuple[Kind, ...] = ("jet", "tangent", "adjoint", "hessian")
 
 MethodClass = Literal["KernelMethods", "KernelFunctions"]
+Diagnosis = Literal["", "mass", "forces", "gap", "gap_rows", "gap_bias", "drives", "loop_poses", "element_rows"]
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,9 @@ class Signature:
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
     method: class of the generated method of its name in ``runtime/kernel_methods.py``, if there is one.
     states: whether the result depends on internal states of force laws.
+    diagnosis: what error messages take from it about a state: the mass matrix, the forces of a motion of the open tree,
+        the constraint violation with its Jacobian and bias, drives of closed loops, poses of loop joints, Jacobian of
+        force elements; or nothing.
     derivatives: kinds of the derivatives that there are of it.
     variants: of a derivative the functions of C among which its arguments choose, by name: the order of "jet", whether
         "tangent" and "adjoint" are by parameters, too, and the order of "adjoint", whose second one is a "hessian".
@@ -180,6 +184,7 @@ class Signature:
     loaded: str = ""
     method: MethodClass | None = None
     states: bool = False
+    diagnosis: Diagnosis = ""
     derivatives: tuple[Kind, ...] = DERIVED
     variants: Mapping[str, Signature] = field(default_factory=dict)
 

@@ -78,7 +78,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "kind": function.kind,
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
-                **_method(function.signature),
+                **_method(function.signature, closed=bool(model.constraints)),
                 **({"closes": True} if model.constraints and closes_loops(function.kernel) else {}),
             }
             for function in functions(kernels)
@@ -100,13 +100,14 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
     return {key: value for key, value in described.items() if value or key not in IF_ANY}
 
 
-def _method(signature: Signature) -> dict[str, Any]:
-    """Return what methods need to know of a function beside its arrays, as far as there is something."""
+def _method(signature: Signature, *, closed: bool) -> dict[str, Any]:
+    """Return what calls need to know of a function beside its arrays, as far as there is something."""
     wrench, loaded = signature.wrench, signature.loaded
     known = {
         "takes": signature.takes,
         "wrench": wrench and [wrench.kernel, wrench.sign, wrench.into],
         "loaded": loaded and [loaded, EXTERNAL.kernel],
+        "diagnosis": "" if closed and signature.tree else signature.diagnosis,
     }
     return {key: value for key, value in known.items() if value}
 

@@ -37,6 +37,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "mass_matrix(q) -> matrix",
         "Mass matrix M(q), eq. (11).",
         symmetric=True,
+        diagnosis="mass",
         method=CORE,
     ),
     kernel(
@@ -71,6 +72,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         wrench=EXTERNAL_OF_ROWS,
         tree="tree_inverse_dynamics",
         loaded="inverse_dynamics_under_load",
+        diagnosis="forces",
         states=True,
         method=CORE,
     ),
@@ -79,12 +81,14 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "The drives u that make the residual zero, loops cut.",
         needs="constraints",
         wrench=EXTERNAL_OF_ROWS,
+        diagnosis="forces",
         states=True,
     ),
     kernel(
         "constrained_drives(q, v, a, u) -> driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
         needs="constraints",
+        diagnosis="drives",
         states=True,
     ),
     kernel(
@@ -328,18 +332,21 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "constraint(q) -> constraints",
         "Constraint g(q) of the cut joints; zero where loops are closed.",
         needs="constraints",
+        diagnosis="gap",
         method=MORE,
     ),
     kernel(
         "constraint_jacobian(q) -> constraint_rows",
         "Jacobian J = dg/dq of the constraint.",
         needs="constraints",
+        diagnosis="gap_rows",
         method=MORE,
     ),
     kernel(
         "constraint_bias(q, v) -> constraints",
         "J_dot v: g_ddot = J a + J_dot v.",
         needs="constraints",
+        diagnosis="gap_bias",
         method=MORE,
     ),
     kernel(
@@ -359,6 +366,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "cut_poses(q) -> cut_poses",
         "Per loop the cut frame on its second link seen from that on its first.",
         needs="loops",
+        diagnosis="loop_poses",
         method=MORE,
     ),
     kernel(
@@ -395,6 +403,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "element_jacobian(q) -> element_rows",
         "Derivatives by q of the coordinates of force elements.",
         needs="elements",
+        diagnosis="element_rows",
         method=MORE,
     ),
     kernel(
@@ -409,6 +418,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Derivatives by q, v and u of what drives with states do, of forces and of the states' rates times inertias.",
         needs="drives",
         states=True,
+        method=MORE,
     ),
     kernel(
         "spring_stiffness(q) -> matrix",

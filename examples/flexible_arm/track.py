@@ -83,7 +83,7 @@ class Model:
 
     def at_rest(self, driven: Array) -> Goal:
         """Return the static equilibrium in which driven joints have these angles, and the drives that hold it."""
-        q, u = static_equilibrium(self.kernel, self.select @ driven, held=DRIVEN)
+        q, u = static_equilibrium(self.kernel, self.select @ driven, fixed=DRIVEN)
         x = np.append(q, np.zeros(self.n))
         return Goal(x, u[self.driven], self.tip(x)[0])
 

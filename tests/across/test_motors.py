@@ -42,7 +42,7 @@ def test_static_equilibrium_is_the_closed_form(built: Build) -> None:
     """A pendulum on its spring: the drive carries the weight over the ratio, the spring winds up by weight / k."""
     kernel = built(described(MOTOR), "inverse_dynamics", "mass_matrix")
     at = 100.0 * 0.3
-    q, u = static_equilibrium(kernel, [0.3, at], held=["joint1.motor"])
+    q, u = static_equilibrium(kernel, [0.3, at], fixed=["joint1.motor"])
     weight = 2.0 * 9.81 * 0.25 * np.cos(q[0])
     assert np.isclose(at / 100.0 - q[0], weight / 2e4, rtol=1e-9)
     assert np.allclose(u, [0.0, weight / 100.0], rtol=1e-9, atol=1e-12)

@@ -156,7 +156,7 @@ def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, buil
     outputs = [f"{link}.{part}" for part in ("x", "y", "rz")] + [kernel.coordinates[-1]]
     inputs = [kernel.coordinates[0]]
     about = {"v": v, "kernel": kernel, "outputs": outputs, "kind": "velocity"}
-    found = linearize(robot, q, u=u, held=[], inputs=inputs, drives="free", **about)
+    found = linearize(robot, q, u=u, fixed=[], inputs=inputs, drives="free", **about)
     m = len(found.states) // 2
     names = list(found.states[:m])
     index = [kernel.coordinates.index(x) for x in names]
@@ -219,7 +219,7 @@ def test_input_that_is_refused() -> None:
         (lambda: linearize(robot, v=[1.0, 0.0, 0.0], a=zero), opens),
         (lambda: linearize(robot, v=zero, a=[1.0, 0.0, 0.0]), r"loop joint4 opens at a: .*m/s\^2; allowed: th"),
         (lambda: linearize(undriven, v=zero, a=zero), "drives at no coordinate cannot make this motion"),
-        (lambda: modes(robot, held=["joint1.gamma", "joint2.gamma"], pose=[1.0, 0.0, 0.0]), "loop joint4"),
+        (lambda: modes(robot, fixed=["joint1.gamma", "joint2.gamma"], pose=[1.0, 0.0, 0.0]), "loop joint4"),
     ):
         with pytest.raises(LoopError, match=words):
             call()
@@ -313,7 +313,7 @@ def parallelogram() -> Robot:
 def test_a_flat_parallelogram_is_refused(analysis: object) -> None:
     """It may go on as a parallelogram or as its opposite: two motions to first order, of which neither is a sum."""
     robot = parallelogram()
-    free = {"held": [], **({"drives": "free"} if analysis is modes else {"drives": "pd", "kp": 10.0})}
+    free = {"fixed": [], **({"drives": "free"} if analysis is modes else {"drives": "pd", "kp": 10.0})}
     with pytest.raises(InputError, match=r"loop closing is singular: the rank of the constraints drops to 1, .* the 2"):
         analysis(robot, np.zeros(3), **free)
 
@@ -325,6 +325,6 @@ def test_the_same_loop_beside_it_has_one_mode() -> None:
         {"gamma": replace(x.coordinates["gamma"], preload=-50.0 * q)} for x, q in zip(robot.joints, rests, strict=True)
     )
     leaning = (replace(x, coordinates=table) for x, table in zip(robot.joints, tables, strict=True))
-    found = modes(replace(robot, joints=tuple(leaning)), rests, held=[], drives="free")
+    found = modes(replace(robot, joints=tuple(leaning)), rests, fixed=[], drives="free")
     assert len(found.eigenvalues) == 1
     assert abs(found.eigenvalues[0]) > 1.0

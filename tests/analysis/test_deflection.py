@@ -127,7 +127,7 @@ def test_compliance_is_the_difference_of_loaded_states(seed: int, built: Build) 
 def test_loops_turn_springs_into_stiffness(built: Build) -> None:
     """A slider-crank has one freedom: C = J J^T / V'' at its state of rest, V the energy over the crank angle."""
     robot = robot_from_toml(LOOP)
-    found = deflection(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, held=[], frame="rod")
+    found = deflection(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, fixed=[], frame="rod")
     kernel = built(robot, "energy", "kinematics")
 
     def place(angle: float) -> np.ndarray:
@@ -210,10 +210,10 @@ def test_input_that_is_refused() -> None:
     plane = (robot, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
     for call, words in (
         (lambda: deflection(robot, drives="free"), "allowed: locked, pd"),
-        (lambda: deflection(loose, held=[]), r"nothing holds joint1\.x: its compliance is infinite; list it in held"),
+        (lambda: deflection(loose, fixed=[]), r"nothing holds joint1\.x: its compliance is infinite; list it in fixed"),
         (
-            lambda: deflection(driven, held=[]),
-            "infinite; held names all that stays, driven coordinates too; list it in",
+            lambda: deflection(driven, fixed=[]),
+            "infinite; fixed names all that stays, driven coordinates too; list it in",
         ),
         (lambda: compliance_map(*plane, [2.0, 0.0, 0.0], (3, 3)), "span no plane"),
         (lambda: compliance_map(*plane, [0.0, 1.0, 0.0], (1, 3)), "whole numbers from 2"),
@@ -295,7 +295,7 @@ def test_slopes_are_those_at_the_state() -> None:
     robot = mounted(K, coordinates)
     for seed in range(4):
         force = np.random.default_rng(seed).normal(size=6) * [300.0, 300.0, 300.0, 0.0, 0.0, 20.0]
-        found = joint_stiffness_matrix(robot, "mount", loads={"flange": force}, held=["axis.gamma"])
+        found = joint_stiffness_matrix(robot, "mount", loads={"flange": force}, fixed=["axis.gamma"])
         x, y, z, gamma = found.deviation
         slopes = [
             float(PchipInterpolator(*np.array(CURVE).T, extrapolate=True).derivative()(x)),

@@ -174,7 +174,7 @@ def test_internal_states_are_outputs(moving: bool, built: Build) -> None:
     with pytest.raises(UnknownNameError, match=r"output: 'j1\.friction\.z' .* an internal state \(j1\.gamma\.fric"):
         linearize(robot, q, **{**options, "outputs": ["j1.friction.z"]})
     if not moving:
-        locked = linearize(robot, q, held=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})
+        locked = linearize(robot, q, fixed=["j1.gamma"], drives="locked", **options | {"inputs": ["tcp.fx"]})
         assert not locked.C[0].any()
 
 
@@ -217,7 +217,7 @@ def test_equilibria(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
     z = np.array([*BENT.values()])
-    q, u = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], z=BENT)
+    q, u = static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], fixed=["j1.gamma"], z=BENT)
     assert q.shape == u.shape == (4,)
     assert kernel.forward_dynamics(q, 0 * q, u, z) == pytest.approx(0 * q, abs=1e-9)
     assert not kernel.internal_state_derivatives(q, 0 * q, z, u).any()
@@ -227,17 +227,17 @@ def test_equilibria(built: Build) -> None:
         seen.append(x.shape)
         return 0.1 * np.ones_like(x)
 
-    static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], held=["j1.gamma"], u=push)
+    static_equilibrium(kernel, [0.3, 0.0, 0.0, 0.4], fixed=["j1.gamma"], u=push)
     assert {shape[-1] for shape in seen} == {4}
     linkage = built(bristle_linkage())
     bent = np.array([4e-4, -3e-4])
-    closed = closed_equilibrium(linkage, linkage.home, z=bent, held=["joint1.gamma"])
+    closed = closed_equilibrium(linkage, linkage.home, z=bent, fixed=["joint1.gamma"])
     forces = linkage.inverse_dynamics(closed, np.zeros(3), np.zeros(3), z=bent)
     assert not forces[1:].any()
     free = closed_equilibrium(linkage, linkage.home, z=bent, u=lambda x: np.zeros_like(x))
     assert linkage.forward_dynamics(free, np.zeros(3), np.zeros(3), bent) == pytest.approx(np.zeros(3), abs=1e-7)
     geared = built(bristle_gear())
-    q, u = static_equilibrium(geared, [0.3], z=[1e-4, 2e-4], held=["j1.gamma"])
+    q, u = static_equilibrium(geared, [0.3], z=[1e-4, 2e-4], fixed=["j1.gamma"])
     assert geared.forward_dynamics(q, [0.0], u, [1e-4, 2e-4]) == pytest.approx([0.0], abs=1e-9)
 
 
@@ -247,7 +247,7 @@ def test_loops_and_followers_move_as_their_linear_system_says(closed: bool, buil
     robot = bristle_linkage() if closed else bristle_gear()
     kernel = built(robot)
     n = len(kernel.coordinates)
-    options = {"kernel": kernel, "held": [kernel.coordinates[0]], "drives": "free"}
+    options = {"kernel": kernel, "fixed": [kernel.coordinates[0]], "drives": "free"}
     system = linearize(robot, dict(zip(kernel.coordinates, kernel.home, strict=True)), **options)
     assert len(system.states) == 2 + len(kernel.internal_states)
     lead = kernel.coordinates.index(system.states[0])
@@ -300,11 +300,11 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
             ArrayError,
             r"z: j2\.beta\.friction\.z is nan",
         ),
-        (lambda: modes(robot, POSE, kernel=kernel, held=[STATE]), UnknownNameError, f"held: '{STATE}' is unknown"),
+        (lambda: modes(robot, POSE, kernel=kernel, fixed=[STATE]), UnknownNameError, f"fixed: '{STATE}' is unknown"),
         (
-            lambda: static_equilibrium(kernel, np.zeros(4), held=[STATE]),
+            lambda: static_equilibrium(kernel, np.zeros(4), fixed=[STATE]),
             UnknownNameError,
-            f"held: '{STATE}' is unknown",
+            f"fixed: '{STATE}' is unknown",
         ),
         (lambda: modes("one_link", z=[0.0]), InputError, "z: no force law of one_link has internal states"),
     ):
@@ -341,8 +341,8 @@ def test_branches_and_servo_drives(built: Build) -> None:
         assert np.abs(expected - value).min() < 1e-5 * max(10.0, abs(value)), value
     assert set(found.zeros) == {"j1.gamma.friction.z", "j2.beta.friction.z"}
     hertz, inputs, outputs = [0.0, 0.7, 8.0, 90.0], ["j2.gamma", "tcp.fy"], ["j2.gamma", "tcp.x"]
-    H = response(robot, inputs, outputs, hertz, POSE, drives="free", held=["j1.gamma"], kernel=kernel).H
-    about = linearize(robot, POSE, inputs=inputs, outputs=outputs, held=["j1.gamma"], kernel=kernel)
+    H = response(robot, inputs, outputs, hertz, POSE, drives="free", fixed=["j1.gamma"], kernel=kernel).H
+    about = linearize(robot, POSE, inputs=inputs, outputs=outputs, fixed=["j1.gamma"], kernel=kernel)
     assert H[1:] == pytest.approx(about.bode(frequencies=hertz[1:]).H, rel=1e-6, abs=1e-12)
     assert H[0, 0, 0] == pytest.approx(1.0, abs=1e-6)  # the integral leaves no error of the reference
     fixed = linearize(robot, POSE, drives="locked", kernel=kernel)
@@ -386,7 +386,7 @@ def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
     kernel = built(robot)
     assert kernel.internal_states == ("gear.friction.z",)
     for z in (0.0, 4e-4):
-        system = linearize(robot, kernel=kernel, z=[z], held=["j1.gamma"])
+        system = linearize(robot, kernel=kernel, z=[z], fixed=["j1.gamma"])
         assert system.states[4:] == kernel.internal_states
         assert system.A[4] == pytest.approx([0.0, 0.0, -1.0, 1.0, 0.0], abs=1e-12)
         x = np.concatenate([system.q, np.zeros(2), [z]])
@@ -396,7 +396,7 @@ def test_bristles_of_couplings_and_loop_joints(built: Build) -> None:
         about = linearize(robot, system.q, v=[0.1, -0.2], u=system.u, kernel=kernel, z=[z])
         expected = by_differences(kernel, moved, system.u)
         assert (np.abs(about.A - expected) <= 1e-4 * np.abs(expected).max(axis=1, keepdims=True)).all()
-    assert modes(robot, kernel=kernel, drives="free", held=["j1.gamma"]).zeros == kernel.internal_states
+    assert modes(robot, kernel=kernel, drives="free", fixed=["j1.gamma"]).zeros == kernel.internal_states
 
 
 def test_bristles_of_a_transmission_move_beside_a_locked_motor(built: Build) -> None:

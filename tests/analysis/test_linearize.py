@@ -205,7 +205,7 @@ def test_reciprocity_of_an_undamped_structure(built: Build) -> None:
 def test_loops_have_one_state_per_freedom(built: Build) -> None:
     """The slider-crank's A about its state of rest drives a nonlinear simulation's first second."""
     robot = robot_from_toml(LOOP)
-    found = linearize(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, held=[], inputs=["turn.gamma"])
+    found = linearize(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, fixed=[], inputs=["turn.gamma"])
     assert len(found.states) == 2
     loops = ClosedLoops(eomgen.build(robot))
     name = found.states[0]
@@ -216,9 +216,9 @@ def test_loops_have_one_state_per_freedom(built: Build) -> None:
     expected = [scipy.linalg.expm(found.A * t)[0, 0] * push for t in motion.t]
     assert np.abs(motion.of(name) - found.q[index] - expected).max() < 5e-3 * push
     rest = dict(zip(found.coordinates, found.q, strict=True))
-    moved = [linearize(robot, rest, held=[], loads={"crank": [0] * 5 + [x]}) for x in (0.05, -0.05)]
+    moved = [linearize(robot, rest, fixed=[], loads={"crank": [0] * 5 + [x]}) for x in (0.05, -0.05)]
     place = [loops.kernel.frame_pose(entry.q, "slider")[:3, 3] for entry in moved]
-    frame = linearize(robot, rest, held=[], inputs=["turn.gamma"], outputs=["slider.x"])
+    frame = linearize(robot, rest, fixed=[], inputs=["turn.gamma"], outputs=["slider.x"])
     static = -frame.C @ np.linalg.solve(frame.A, frame.B)
     assert (place[0] - place[1])[0] / 0.1 == pytest.approx(static[0, 0], rel=1e-3)
 
@@ -390,7 +390,7 @@ ANALYSES = {
 REFUSED = {
     "drives": ("soft", "drives: 'soft' is unknown; allowed: locked, free, pd"),
     "kp": (1.0, "kp and kd are gains of drives 'pd'"),
-    "held": (["elbow"], "held: 'elbow' is unknown"),
+    "fixed": (["elbow"], "fixed: 'elbow' is unknown"),
     "loads": ({"hand": [0.0] * 6}, "frame: 'hand' is unknown"),
     "parameters": ({"gravity.w": 1.0}, "gravity.w"),
 }

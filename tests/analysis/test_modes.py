@@ -195,7 +195,7 @@ def test_slider_crank_is_an_oscillator_of_one_coordinate(held: list[str], built:
     With the crank held at the state a constant torque does it, and the mode is about that state.
     """
     robot = robot_from_toml(LOOP)
-    found = modes(robot, {"turn.gamma": 0.9, "pin.gamma": -1.3, "guide.x": 0.4}, held=held, drives="free")
+    found = modes(robot, {"turn.gamma": 0.9, "pin.gamma": -1.3, "guide.x": 0.4}, fixed=held, drives="free")
     kernel = built(robot, "energy", "mass_matrix")
 
     def place(angle: float) -> Array:
@@ -231,7 +231,7 @@ def test_constraint_hessian_is_the_derivative_of_the_jacobian() -> None:
 def test_redundant_loops_do_not_change_the_mode() -> None:
     """The four-bar linkage hangs down and swings; its redundant constraints leave one mode, as energies say."""
     robot = eomgen.load_robot("four_bar")
-    found = modes(robot, {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": 2.0}, held=[], drives="free")
+    found = modes(robot, {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": 2.0}, fixed=[], drives="free")
     assert len(found.eigenvalues) == 1
     rate = found.shapes[0].real / found.shapes[0].real[0]
     kernel = eomgen.build(robot)
@@ -277,7 +277,7 @@ def test_input_that_is_refused() -> None:
         ({"drives": "pd", "kp": -1.0}, InputError, "at least 0"),
         ({"drives": "pd", "kp": {"joint1.x": 1.0}}, UnknownNameError, "has no drive"),
         ({"kp": 1.0}, InputError, "drives are 'locked'"),
-        ({"held": ["joint9"]}, UnknownNameError, "held: 'joint9' is unknown"),
+        ({"fixed": ["joint9"]}, UnknownNameError, "fixed: 'joint9' is unknown"),
         ({"pose": [1.0, 2.0, 3.0]}, ArrayError, "expected 1 numbers"),
         ({"pose": [np.nan]}, InputError, "not finite"),
         ({"pose": {"joint2": 1.0}}, UnknownNameError, "pose: 'joint2'"),
@@ -291,7 +291,7 @@ def test_input_that_is_refused() -> None:
     refused(InputError, "poses: none; allowed", modes_along, robot, [])
     refused(InputError, "has not the coordinates", modes, eomgen.load_robot("shaken_arm"), kernel=kernel)
     pulled = {"tcp": [5.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
-    fixation = fixation_of(robot, kernel, "free", held=[])
+    fixation = fixation_of(robot, kernel, "free", fixed=[])
     kernel.parameters["joints.joint1.x.stiffness"] = 0.0
     q, dead = pose_of(robot, kernel, None), checked_loads(kernel, pulled)
     refused(eomgen.IntegrationError, r"joint1\.x stays out of balance", system_at_rest, kernel, q, fixation, dead)

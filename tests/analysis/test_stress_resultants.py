@@ -147,9 +147,9 @@ def test_they_follow_the_axes_of_the_section(axis: str) -> None:
     """A beam along another axis under loads that are turned likewise."""
     R, load = np.array(AXES[axis]), np.array([[30.0, 20.0, -50.0], [3.0, 2.0, 1.0]])
     section = "{ bar = [0.06, 0.03] }"
-    [straight] = deflection(boom(section=section), loads={"tcp": load.ravel()}, held=["slew.gamma"]).beams
+    [straight] = deflection(boom(section=section), loads={"tcp": load.ravel()}, fixed=["slew.gamma"]).beams
     turned = boom(axis, section, str((R @ [0.0, 0.0, -GRAVITY]).tolist()))
-    [beam] = deflection(turned, loads={"tcp": (load @ R.T).ravel()}, held=["slew.gamma"]).beams
+    [beam] = deflection(turned, loads={"tcp": (load @ R.T).ravel()}, fixed=["slew.gamma"]).beams
     # axes of a bent section are turned about the link's axes, in their order: of second order
     assert beam.resultants == pytest.approx(straight.resultants, abs=2e-3)
     height, width = 0.06, 0.03
@@ -260,7 +260,7 @@ def test_beams_in_loops_are_held_by_drives() -> None:
     other = replace(robot, driven=("pivot.gamma",))
     load = {"lever": [0.0, 3.0, -20.0, 1.0, 0.5, 0.2]}
     for loads in ({}, load):
-        [beam] = deflection(robot, pose, frame="block", held=["pivot.gamma"], loads=loads).beams
+        [beam] = deflection(robot, pose, frame="block", fixed=["pivot.gamma"], loads=loads).beams
         [expected] = deflection(other, pose, frame="block", loads=loads).beams
         assert of(expected, "Mz")[0] != pytest.approx(0.0, abs=0.1)
         for name in ("Vy", "N", "Mz"):

@@ -458,7 +458,7 @@ def test_a_thin_rod_is_singular_at_its_own_axis(built: Build) -> None:
         with pytest.raises(eomgen.SingularError, match=r"inverted at hinge\.alpha; what they move has no inertia"):
             kernel.forward_dynamics(*zero)
     kernel = built(robot, "forward_dynamics", "mass_matrix", "inverse_dynamics")
-    q, _ = eomgen.state.static_equilibrium(kernel, zero[0], held=["hinge.gamma"])
+    q, _ = eomgen.state.static_equilibrium(kernel, zero[0], fixed=["hinge.gamma"])
     assert abs(q[0]) < 1e-6
 
 

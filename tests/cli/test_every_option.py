@@ -167,7 +167,7 @@ READ = {  # files, with the endings without which they are not looked at
 }
 WRITTEN = {"output", "report", "toml", "urdf", "plot"}
 NAMES = {  # words behind the option, X in the place of a name
-    **dict.fromkeys(("name", "held", "frame", "matrix", "input", "output_of", "kernels", "fixed", "stiffness"), "X"),
+    **dict.fromkeys(("name", "frame", "matrix", "input", "output_of", "kernels", "fixed", "stiffness"), "X"),
     "export parameters": "X",
     **dict.fromkeys(("measure", "estimate"), "X"),
     "attach": "ball=X",

@@ -117,8 +117,8 @@ def test_no_old_name_is_a_flag_of_another_command_with_the_same_words() -> None:
 FIRST = {"compare": ["a", "b"], "calibrate": ["a", "p.csv"], "accuracy": ["m.csv"]}  # other commands take "a"
 OLD = [  # a command, its option under the old name with values, what the command calls it, and reads
     ("compare", ["--tool", "tcp"], "frame", "tcp"),
-    *((name, ["--held", "j.x", "k.x"], "held", ["j.x", "k.x"]) for name in ("deflection", "modes", "response")),
-    ("linearize", ["--held"], "held", []),
+    *((name, ["--held", "j.x", "k.x"], "fixed", ["j.x", "k.x"]) for name in ("deflection", "modes", "response")),
+    ("linearize", ["--held"], "fixed", []),
     ("modes", ["--goal", "1", "2"], "goal", ["1", "2"]),
     ("excite", ["--rates", "2"], "rates", ["2"]),
     ("excite", ["--accelerations", "3"], "accelerations", ["3"]),

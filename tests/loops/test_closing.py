@@ -199,7 +199,7 @@ def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) 
     assert np.abs(slope).max() <= 1e-8  # of potential energy along the mechanism's way, N m
     around = [four_bar.energy(chart.assemble(q + d * np.eye(3)[chart.free])[0][0], zero)[1] for d in (-1e-2, 0.0, 1e-2)]
     assert around[1] < min(around[0], around[2])
-    held = closed_equilibrium(four_bar, q + [0.3, 0.0, 0.0], held=["joint1.gamma"])
+    held = closed_equilibrium(four_bar, q + [0.3, 0.0, 0.0], fixed=["joint1.gamma"])
     assert held[0] == q[0] + 0.3
 
 
@@ -229,7 +229,7 @@ def test_elastic_loops_rest_where_their_springs_hold(built: Build) -> None:
         "inverse_dynamics",
     )
     q = np.array([robot.home[name] for name in soft.coordinates])
-    sagged = closed_equilibrium(soft, q, held=["joint1.gamma"])
+    sagged = closed_equilibrium(soft, q, fixed=["joint1.gamma"])
     assert 1e-9 < np.abs(sagged - q).max() < 1e-5
 
 

@@ -111,7 +111,7 @@ def test_motions_rollouts_and_equilibria() -> None:
     rolled = kernel.rollout(q, v, np.zeros(2), duration=0.5, rtol=1e-9, loads={"wrench": wrench})[0]
     for motion in ways.values():
         assert np.abs(motion.q[-1] - rolled[-1]).max() < 1e-6
-    at_rest, _ = static_equilibrium(kernel, q, held=["joint1.gamma"], wrench=wrench)
+    at_rest, _ = static_equilibrium(kernel, q, fixed=["joint1.gamma"], wrench=wrench)
     drive = kernel.inverse_dynamics(at_rest, v, v, wrench=wrench)
     assert abs(drive[0]) < 1e-8
     assert abs(kernel.inverse_dynamics(at_rest, v, v)[0]) > 0.1

@@ -53,7 +53,7 @@ def test_a_spring_under_gravity_hangs_where_it_must(built: Build) -> None:
     assert u == [0.0]
     q, _ = static_equilibrium(kernel, [0.0], u=[9.81 * MASS])
     assert q == pytest.approx(0.0, abs=1e-15)
-    q, u = static_equilibrium(kernel, [0.3], held=["slide.z"])
+    q, u = static_equilibrium(kernel, [0.3], fixed=["slide.z"])
     assert q == [0.3]
     assert u == pytest.approx(STIFFNESS * 0.3 + 9.81 * MASS)
 
@@ -64,7 +64,7 @@ def test_static_equilibrium_has_no_acceleration(seed: int, built: Build) -> None
     zero = np.zeros(kernel.n)
     wrench = np.random.default_rng(seed).uniform(-2.0, 2.0, (len(kernel.links), 6))
     for held in ((), ("joint1.gamma", "joint2.gamma")):
-        q, u = static_equilibrium(kernel, zero, wrench=wrench, held=held)
+        q, u = static_equilibrium(kernel, zero, wrench=wrench, fixed=held)
         assert np.abs(kernel.residual(q, zero, zero, u, wrench=wrench)).max() < 1e-11 * 400.0
         assert np.abs(kernel.forward_dynamics(q, zero, u, wrench=wrench)).max() < 1e-8
         free = [name not in held for name in kernel.coordinates]
@@ -85,8 +85,8 @@ def test_what_nothing_holds_is_named(built: Build) -> None:
     kernel = built(loose, *NEEDED)
     for options, error, message in (
         ({}, IntegrationError, r"nothing holds slide\.z"),
-        ({"held": ["slide.y"]}, UnknownNameError, r"held: 'slide\.y' is unknown"),
-        ({"u": lambda _q: np.zeros(5), "held": ["slide.z"]}, ArrayError, "u: expected forces of shape"),
+        ({"fixed": ["slide.y"]}, UnknownNameError, r"fixed: 'slide\.y' is unknown"),
+        ({"u": lambda _q: np.zeros(5), "fixed": ["slide.z"]}, ArrayError, "u: expected forces of shape"),
     ):
         refused(error, message, static_equilibrium, kernel, [0.0, 0.0], **options)
 
@@ -214,7 +214,7 @@ def test_wrenches_act_beside_drives(built: Build) -> None:
     q, forces = static_equilibrium(kernel, [0.0], u=[0.3], wrench={"tcp": [0.0, -20.0, 0.0, 0.0, 0.0, 0.0]})
     assert forces == pytest.approx([(9.81 + 10.0) * np.cos(0.3)])
     assert q == pytest.approx([0.3])
-    held, needed = static_equilibrium(kernel, [0.7], u=[0.3], held=["axis.gamma"])
+    held, needed = static_equilibrium(kernel, [0.7], u=[0.3], fixed=["axis.gamma"])
     assert (held, needed) == (pytest.approx([0.7]), pytest.approx([9.81 * np.cos(0.7)]))
 
 

@@ -103,7 +103,7 @@ def rest(
     worst = kernel.coordinates[int(np.argmax(spread))]
     raise IntegrationError(
         f"{kernel.name}: no static equilibrium near the pose: {worst} stays out of balance; give it a stiffness, or"
-        " list it in held"
+        " list it in fixed"
     )
 
 
@@ -193,6 +193,6 @@ def system_at_rest(
     """
     state, zero, n = rest(kernel, q, fixation, loads), np.zeros(kernel.n), len(kernel.coordinates)
     locked = {name for name, stays in zip(kernel.velocities, fixation.locked, strict=True) if stays}
-    u, z = drives_at_rest(kernel, state.q[:n], state.u[:n], fixation.z, held=locked)
+    u, z = drives_at_rest(kernel, state.q[:n], state.u[:n], fixation.z, fixed=locked)
     still = MotionState(state.q, at_rest_with(kernel, z), zero, np.append(u, state.u[n:]))
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

@@ -116,7 +116,7 @@ def compliance_map(
         pose: near which the first point is looked for.
         frame: to look at; default as in ``simulate``.
         progress: called with a fraction from 0 to 1 and a line of text.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions`` and ``deflection``.
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions`` and ``deflection``.
 
     Raises:
         InputError: an argument cannot be used.

@@ -155,7 +155,7 @@ def response(
         pose: see ``holding.pose_of``.
         kind: "displacement", "velocity" or "acceleration".
         progress: called with a line of text when a stage of building begins.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used, or the response is infinite at a frequency.

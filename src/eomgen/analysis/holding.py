@@ -63,7 +63,7 @@ def fixation_of(
     *,
     kp: Gains | None = None,
     kd: Gains | None = None,
-    held: Iterable[str] | None = None,
+    fixed: Iterable[str] | None = None,
     z: StatesLike | None = None,
 ) -> Fixation:
     """Return which coordinates an analysis holds fixed, and its drives' gains.
@@ -77,7 +77,7 @@ def fixation_of(
         robot, kernel: whose coordinates they are.
         drives: "locked", "free" or "pd".
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 by default.
-        held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
+        fixed: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
             above.
         z: internal states, (m,), or by name; 0 by default.
 
@@ -91,11 +91,11 @@ def fixation_of(
     driven, internal_states = _mask(names, model.driven), np.isin(names, kernel.internal_states)
     prescribed = _mask(names, model.prescribed) | internal_states
     notes: list[str] = []
-    if held is not None:
-        chosen = list(held)
+    if fixed is not None:
+        chosen = list(fixed)
         for name in chosen:
             if name not in kernel.coordinates:
-                raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(kernel.coordinates)}")
+                raise UnknownNameError(f"fixed: {show(str(name))} is unknown; known: {', '.join(kernel.coordinates)}")
         still = prescribed | np.array([name in chosen for name in names])
         locked = still.copy()
     else:

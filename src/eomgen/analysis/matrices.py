@@ -204,7 +204,7 @@ def linearize(  # noqa: PLR0913
         kind: of the outputs: "displacement", "velocity" or, at rest, "acceleration".
         frame: of the default outputs; as in ``simulate`` by default.
         progress: called with a line of text when a stage of building begins.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``; drives are free
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions``; drives are free
             here if nothing else is said.
 
     Raises:

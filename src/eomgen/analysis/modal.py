@@ -48,7 +48,7 @@ def modes(
         pose: see ``holding.pose_of``.
         frame: to look at; default as in ``simulate``.
         progress: called with a line of text when a stage of building begins.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used.

@@ -34,7 +34,7 @@ class StateKeywords(TypedDict, total=False):
     drives: str
     kp: Gains | None
     kd: Gains | None
-    held: Iterable[str] | None
+    fixed: Iterable[str] | None
     loads: FrameLoads | None
     parameters: Mapping[str, float] | None
     kernel: Kernel | None
@@ -50,7 +50,7 @@ class StateOptions:
             pose) or "pd" (gains ``kp`` and ``kd`` hold them).
         kp, kd: gains of "pd", N/m or N m/rad, and per rate: a number for all driven coordinates, or by their names;
             kd is 0 by default.
-        held: names of the coordinates that stay in the state and, if drives are "locked", about it, instead of those
+        fixed: names of the coordinates that stay in the state and, if drives are "locked", about it, instead of those
             that ``fixation_of`` finds.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base frame.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
@@ -63,7 +63,7 @@ class StateOptions:
     drives: str = "locked"
     kp: Gains | None = None
     kd: Gains | None = None
-    held: Iterable[str] | None = None
+    fixed: Iterable[str] | None = None
     loads: FrameLoads | None = None
     parameters: Mapping[str, float] | None = None
     kernel: Kernel | None = None
@@ -93,7 +93,7 @@ def prepared(robot: RobotLike, progress: StageReport | None = None, **options: U
     settings, arm = StateOptions(**options), as_robot(robot)
     kernel = kernel_of(arm, settings.kernel, settings.parameters, progress).augmented
     gains: dict[str, Gains | None] = {"kp": settings.kp, "kd": settings.kd}
-    fixation = fixation_of(arm, kernel, settings.drives, **gains, held=settings.held, z=settings.z)
+    fixation = fixation_of(arm, kernel, settings.drives, **gains, fixed=settings.fixed, z=settings.z)
     return HeldRobot(arm, kernel, fixation, checked_loads(kernel, settings.loads))
 
 

@@ -151,7 +151,7 @@ def deflection(
         pose: see ``holding.pose_of``.
         frame: to look at; default as in ``simulate``.
         progress: called with a line of text when a stage of building begins.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used, drives are free, nothing holds a coordinate, or a loop is singular.
@@ -224,7 +224,7 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
         )
         raise InputError(
             f"{arm.robot.name}: stress resultants of beams follow from what passes its loops, but {stay} is held, and"
-            f" {driven} is driven; allowed: no held, or as many coordinates in it as hold the mechanism"
+            f" {driven} is driven; allowed: fixed=[], or as many coordinates in it as hold the mechanism"
         ) from error
     total = holding * held
     if arm.loads:
@@ -334,10 +334,10 @@ def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: s
     _, values, directions = np.linalg.svd(scaled)
     if values[-1] <= SOFT * values[0]:
         loose = independent[int(np.argmax(np.abs(directions[-1])))]
-        drive = "; held names all that stays, driven coordinates too" if fixation.driven[loose] else ""
+        drive = "; fixed names all that stays, driven coordinates too" if fixation.driven[loose] else ""
         raise InputError(
             f"{kernel.name}: nothing holds {kernel.coordinates[loose]}: its compliance is infinite{drive};"
-            " list it in held"
+            " list it in fixed"
         )
     return np.asarray((J / root) @ np.linalg.solve(scaled, (J / root).T))
 
@@ -451,7 +451,7 @@ def joint_stiffness_matrix(
         joint: name of one of its joints; not of a loop's.
         pose: see ``holding.pose_of``.
         progress: called with a line of text when a stage of building begins.
-        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
+        **options: drives, kp, kd, fixed, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         UnknownNameError: there is no joint of that name, or nothing of it moves.

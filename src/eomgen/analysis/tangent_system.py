@@ -282,7 +282,7 @@ def reduced(
     D += basis.T @ (2.0 * whole[0] @ rate)
     K += basis.T @ (whole[1] @ rate + whole[0] @ second)
     if not independent:
-        notes = (*notes, "nothing can move: what is held leaves the robot rigid (free or pd drives, fewer held: move)")
+        notes = (*notes, "nothing can move: what is held leaves the robot rigid (free or pd drives, fewer fixed: move)")
     elif scaled_eigenvalues(M)[0][0] <= 1e-13:
         if (bent := kernel.calls.bent_too_far(q)) is not None:
             raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted: {bent}")

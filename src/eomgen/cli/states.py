@@ -276,7 +276,7 @@ def _add_state(
     parser.add_argument("--kp", nargs="+", metavar="K", help="proportional gains of pd: one number, or NAME=VALUE")
     parser.add_argument("--kd", nargs="+", metavar="K", help="derivative gains of pd: one number, or NAME=VALUE (0)")
     about = "coordinates that are fixed, in the place of principal ones"
-    fixed = parser.add_argument("--fixed-coordinates", dest="held", nargs="*", metavar="NAME", help=about)
+    fixed = parser.add_argument("--fixed-coordinates", dest="fixed", nargs="*", metavar="NAME", help=about)
     add_old_name(parser, "--held", fixed)
     about = "constant force and moment at a frame or link, base frame, N and N m; more than once"
     add_rows(parser, "--load", "FRAME FX FY FZ MX MY MZ", about)
@@ -296,7 +296,7 @@ def _state_options(options: argparse.Namespace, report: StageReport) -> dict[str
         "drives": options.drives,
         "kp": gains("kp", options.kp),
         "kd": gains("kd", options.kd),
-        "held": options.held,
+        "fixed": options.fixed,
         "loads": once_each("load", ((row[0], reals("load", row[1:])) for row in options.load)) or None,
         "frame": options.frame,
         "parameters": by_name("set", options.parameters) or None,

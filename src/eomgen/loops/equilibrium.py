@@ -38,7 +38,7 @@ def closed_equilibrium(
     q_guess: ArrayLike,
     *,
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
-    held: Iterable[str] = (),
+    fixed: Iterable[str] = (),
     wrench: WrenchLike | None = None,
     z: StatesLike | None = None,
 ) -> Array:
@@ -51,7 +51,7 @@ def closed_equilibrium(
         q_guess: coordinates, (n,).
         u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape; none by
             default.
-        held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
+        fixed: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
         z: internal states, (m,), or by name; 0 by default.
 
@@ -63,11 +63,11 @@ def closed_equilibrium(
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
-        return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench, z=z)[0]
+        return static_equilibrium(kernel, q_guess, u=u, fixed=fixed, wrench=wrench, z=z)[0]
     guess, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
     kernel = kernel.augmented
-    kept = known_coordinates(held, kernel) | set(kernel.prescribed)
-    fixed = np.array([name in kept or name in kernel.internal_states for name in kernel.velocities])
+    kept = known_coordinates(fixed, kernel) | set(kernel.prescribed)
+    stays = np.array([name in kept or name in kernel.internal_states for name in kernel.velocities])
     inputs, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
     places = drives.places(guess, inputs, kept)
     guess[list(places)] = list(places.values())
@@ -75,7 +75,7 @@ def closed_equilibrium(
     states = state_values(kernel, z)
     refuse_moving(kernel, states)
     states[[is_of_drive(name) for name in kernel.internal_states]] = 0.0  # which exert nothing where they have no error
-    balance = _Balance(kernel, at_rest_with(kernel, states), wrench, fixed)
+    balance = _Balance(kernel, at_rest_with(kernel, states), wrench, stays)
 
     def rest(limited: bool) -> tuple[Array, Array]:
         def exerted(qs: Array) -> Array:

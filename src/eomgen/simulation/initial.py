@@ -164,10 +164,10 @@ def _balanced(
     try:
         tight = _without_clearances(kernel)
         if tight is None:
-            return closed_equilibrium(kernel, q, u=forces, held=still, z=states)
-        q = closed_equilibrium(tight, q, u=forces, held=still, z=states)
+            return closed_equilibrium(kernel, q, u=forces, fixed=still, z=states)
+        q = closed_equilibrium(tight, q, u=forces, fixed=still, z=states)
         with suppress(IntegrationError):  # where something floats in its clearance, that is as good as any other place
-            q = closed_equilibrium(kernel, q, u=forces, held=still, z=states)
+            q = closed_equilibrium(kernel, q, u=forces, fixed=still, z=states)
         return q
     except IntegrationError as error:
         overloaded = _overloaded(robot, scenario, assembly, (q, z), still)

@@ -16,6 +16,7 @@ from ..robot.internal_states.drives import DRIVE, STATES
 from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
+from ..runtime.methods.kernel_methods import KernelFunctions
 from .elements import element_numbers
 from .vectors import state_vector
 
@@ -52,7 +53,7 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
     Args:
         q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
     """
-    by_q, by_v, by_u = kernel.calls.run("drive_jacobian", None, (q, v, u))
+    by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, v, u))
     inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.velocities])
     for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
         i = kernel.coordinates.index(name)
@@ -164,7 +165,7 @@ class DrivesAtRest:
 
 
 def drives_at_rest(
-    kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, held: Container[str] = ()
+    kernel: Kernel, q: ArrayLike, forces: ArrayLike, z: ArrayLike | None = None, *, fixed: Container[str] = ()
 ) -> tuple[Array, Array]:
     """Return inputs u, (n,), and internal states, (m,), with which drives exert forces on a robot at rest.
 
@@ -176,7 +177,7 @@ def drives_at_rest(
         q: coordinates, (n,).
         forces: on coordinates, (n,), N or N m, as ``static_equilibrium`` returns them.
         z: states of other laws, (m,); 0 by default.
-        held: names of coordinates that are held by something else: u is the force there, and states stay as in z.
+        fixed: names of coordinates that are held by something else: u is the force there, and states stay as in z.
 
     Raises:
         ArrayError: an array is wrong.
@@ -186,9 +187,9 @@ def drives_at_rest(
     n, drives = len(kernel.coordinates), DrivesAtRest(kernel)
     q, u = (state_vector(label, x, kernel.coordinates) for label, x in (("q", q), ("forces", forces)))
     states = np.zeros(len(kernel.internal_states)) if z is None else state_vector("z", z, kernel.internal_states)
-    drives.refuse_overload(u, held)
+    drives.refuse_overload(u, fixed)
     for i, one in drives.drives.items():
-        if kernel.coordinates[i] in held:
+        if kernel.coordinates[i] in fixed:
             continue
         own = f"{kernel.coordinates[i]}.{DRIVE}."
         for k, name in enumerate(kernel.internal_states):

@@ -24,7 +24,7 @@ def static_equilibrium(
     q_guess: ArrayLike,
     *,
     u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
-    held: Iterable[str] = (),
+    fixed: Iterable[str] = (),
     wrench: WrenchLike | None = None,
     z: StatesLike | None = None,
 ) -> tuple[Array, Array]:
@@ -40,12 +40,12 @@ def static_equilibrium(
         q_guess: coordinates, (n,).
         u: drives, (n,), as ``Kernel.inputs`` has them, or a function of q, (n,) or (N, n), to the same shape, whose
             references of drives without an error are those of the guess; None: zero.
-        held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
+        fixed: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, as of the kernel's methods: (links, 6), or by frame and link.
         z: internal states, (m,), or by name; 0 by default.
 
     Returns:
-        q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in held coordinates what is
+        q, (n,), and the forces that hold it, (n,): u, or what drives exert under it, and in fixed coordinates what is
         needed.
 
     Raises:
@@ -59,7 +59,7 @@ def static_equilibrium(
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
     q, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
     kernel = kernel.augmented
-    kept = known_coordinates(held, kernel) | set(kernel.prescribed) | set(kernel.internal_states)
+    kept = known_coordinates(fixed, kernel) | set(kernel.prescribed) | set(kernel.internal_states)
     free = np.array([name not in kept for name in kernel.velocities])
     states = state_values(kernel, z)
     refuse_moving(kernel, states)
@@ -137,11 +137,11 @@ def given_forces(
 
 
 def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
-    """Return the names of held coordinates, once each; UnknownNameError if one is none."""
+    """Return the names of fixed coordinates, once each; UnknownNameError if one is none."""
     known = set(names)
     for name in known:
         if name not in kernel.coordinates:
-            raise UnknownNameError(f"held: {name!r} is unknown; known: {', '.join(kernel.coordinates)}")
+            raise UnknownNameError(f"fixed: {name!r} is unknown; known: {', '.join(kernel.coordinates)}")
     return known
 
 
@@ -192,7 +192,8 @@ def refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
     if values[-1] <= 1e-12 * values[0]:
         loose = names[int(np.argmax(np.abs(directions[-1])))]
         raise IntegrationError(
-            f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive, or list it in held"
+            f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive,"
+            " or list it in fixed"
         )
 
 

@@ -182,7 +182,7 @@ def test_equilibrium_holds_what_is_prescribed(built: Build) -> None:
     kernel = built(eomgen.load_robot("shaken_arm"), *NEEDED)
     guess = np.zeros(11)
     guess[:6] = 0.1
-    q, u = static_equilibrium(kernel, guess, held=("waist.gamma", "shoulder.gamma", "elbow.gamma"))
+    q, u = static_equilibrium(kernel, guess, fixed=("waist.gamma", "shoulder.gamma", "elbow.gamma"))
     assert np.array_equal(q[:6], guess[:6])
     assert np.abs(u[:3]).max() > 100.0  # the weight
 

@@ -62,7 +62,7 @@ def test_springs_of_stiff_joints_are_the_rigid_joints_reactions(built: Build) ->
     errors = []
     for factor in (1.0, 10.0, 100.0):
         kernel.parameters.update({name: factor * value for name, value in given.items()})
-        q, _ = static_equilibrium(kernel, guess, held=[kernel.coordinates[i] for i in principal])
+        q, _ = static_equilibrium(kernel, guess, fixed=[kernel.coordinates[i] for i in principal])
         error = 0.0
         for k, joint in enumerate(kernel.joints):
             for place, name in enumerate(("x", "y", "z", "alpha", "beta")):

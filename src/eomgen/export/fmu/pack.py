@@ -29,7 +29,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.parameters import FADING, SPEEDS, TINY
+from eomgen.runtime.parameters import FADING
 from eomgen.runtime.stepping.methods import ADAPTIVE as STEPPERS
 from eomgen.runtime.stepping.methods import COST
 from eomgen.runtime.stepping.options import rollout_of
@@ -246,8 +246,6 @@ def _conditions(first: int, parameters: Sequence[str], conditions: Sequence[Mapp
         "terms": max((len(terms) for *_, terms in sums), default=0),
         "fading": fading,
         "fading_allowed": FADING,
-        "speeds": SPEEDS,
-        "tiny": TINY,
     }
 
 

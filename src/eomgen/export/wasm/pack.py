@@ -26,7 +26,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.parameters import FADING, SPEEDS, TINY
+from eomgen.runtime.parameters import FADING
 from eomgen.runtime.stepping.methods import ADAPTIVE, FIXED
 from eomgen.runtime.stepping.options import LEAST, ROLLOUTS, rollout_of
 
@@ -181,8 +181,6 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "model": rigid.name if rigid else "",
         "coupled": "matrices" in meta,
         "fading": any("fades" in condition for condition in meta.get("conditions", ())),
-        "speeds": SPEEDS,
-        "tiny": TINY,
         "fading_allowed": FADING,
         "pushed": "frames" in kinds and any(_pushes(function) for function in meta["functions"].values()),
         "turning": bool(meta.get("turning")),

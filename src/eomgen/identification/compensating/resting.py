@@ -137,7 +137,7 @@ class _States:
         def drives(correction: Array) -> Any:
             return self._forces(i, correction, v, a)
 
-        q = static_equilibrium(kernel, q, u=drives(change), held=self._held, z=self._z)[0]
+        q = static_equilibrium(kernel, q, u=drives(change), fixed=self._held, z=self._z)[0]
         free, zero = np.flatnonzero(self._free), np.zeros_like(q)
         states = np.tile(q, (free.size + 1, 1))
         states[np.arange(1, free.size + 1), free] += CHANGE
