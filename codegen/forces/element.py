@@ -215,7 +215,7 @@ class ForceElement(ABC):
     Resisting forces are what the drives must overcome: minus generalized forces.
     """
 
-    FAMILY: ClassVar[str]  # of its numbers, one of ``robot.parameter_names.FAMILIES``
+    FAMILY: ClassVar[str] = ""  # of ``robot.parameter_names.FAMILIES``; none where the numbers are those of others
     IS_DRIVE: ClassVar[bool] = False  # whether it drives the robot, so that inverse dynamics asks for what it does
     KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
 
@@ -297,6 +297,21 @@ class ForceElement(ABC):
             moving: coordinates that count, by their indices.
         """
         yield from ()
+
+
+class ForceRows(ForceElement):
+    """Forces by coordinates and velocities, which a linearly implicit step takes where it takes these."""
+
+    @abstractmethod
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give resisting forces, N or N m, by coordinates, at q and v; one may have several."""
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        yield from self.rows(self.at.q, v)
+
+    def advance(self, share: ImplicitShare) -> None:
+        for i, force in self.rows(share.q, share.v):
+            share.push(i, force)
 
 
 def add_to(rows: Rows, key: tuple[int, int], value: Scalar) -> None:

@@ -16,7 +16,7 @@ from eomgen.robot.value import MOTOR
 
 from ..tree.bound import BoundTransmission
 from ..tree.spatial import Scalar
-from .element import ForceElement, ImplicitShare, Slopes
+from .element import ForceRows, ImplicitShare, Slopes
 from .laws import Effect, effect
 
 
@@ -36,7 +36,7 @@ class TransmissionDeflection:
 Deflected = tuple[int, BoundTransmission, TransmissionDeflection]  # the motor, what is behind it, and its effects
 
 
-class Transmissions(ForceElement):
+class Transmissions(ForceRows):
     """Springs and dampers between all motors and the coordinates that they drive."""
 
     FAMILY: ClassVar[str] = JOINTS
@@ -45,10 +45,6 @@ class Transmissions(ForceElement):
     def has(cls, family: str, owner: str) -> bool:
         """Tell whether numbers are those of a motor's table."""
         return super().has(family, owner) and kind_of(owner) == MOTOR
-
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give the forces on motors and joints."""
-        yield from self._rows(self.at.q, v)
 
     def carried(self, v: Sequence[Scalar]) -> dict[int, Scalar]:
         """Return what gears carry to their joints, by the motors' indices; N m or N on the joint's side."""
@@ -68,17 +64,13 @@ class Transmissions(ForceElement):
             slopes.add((p, motor), *(-x for x in across))
             slopes.add((p, p), whole.by_s, whole.by_rate)
 
-    def advance(self, share: ImplicitShare) -> None:
-        """Push the forces on motors and joints."""
-        for i, force in self._rows(share.q, share.v):
-            share.push(i, force)
-
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the slopes in the deflections."""
         for motor, _, deflection in self._deflections(share.q, share.v):
             share.in_transmission(motor, deflection.linear, deflection.nonlinear)
 
-    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the forces on motors and joints."""
         for motor, between, deflection in self._deflections(q, v):
             force = deflection.whole.force
             yield motor, force * between.inverse_ratio
