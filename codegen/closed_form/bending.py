@@ -18,11 +18,17 @@ from eomgen.robot.value import LinkModes
 
 from ..joint.lemmas import Matrix, joint_transform, step
 from ..tree.bound import Bound
-from .exact_numbers import exact
 
 Expr = Any  # sympy.Expr
 Value = Callable[[str, float], Expr]  # gives an expression for a named number
 AXES = "xyz"
+
+
+def exact(number: Any) -> Expr:
+    """Make floats that are small multiples of 1/2 exact in a number or expression: they prune, and read better."""
+    expression = sp.sympify(number)
+    small = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
+    return expression.xreplace(small)
 
 
 @dataclass(frozen=True)
