@@ -35,7 +35,7 @@ from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
-from .running import identity, run_all
+from .running import Compiler, identity, run_all
 
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
@@ -47,16 +47,6 @@ CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*/*.py", "runtime/*
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
-
-
-@dataclass(frozen=True)
-class Compiler:
-    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our flags."""
-
-    command: tuple[str, ...]
-    version: str
-    flags: tuple[str, ...] = ()
-    link_flags: tuple[str, ...] = ()
 
 
 def find_compiler() -> Compiler:
