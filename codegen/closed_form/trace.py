@@ -31,8 +31,7 @@ from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
 from ..tree.constraints import Closure, closures
-from ..tree.frozen_joints import geometry
-from ..tree.recursion import no_note
+from ..tree.frozen_joints import geometry, no_note
 from ..tree.spatial import Pose, PseudoInertia
 from . import bending
 from .bending import exact

@@ -18,8 +18,8 @@ from ..program.ir import Graph
 from ..tree.bound import Bound
 from ..tree.composite import Rows
 from ..tree.constraints import Closure
-from ..tree.frozen_joints import JointGeometry
-from ..tree.recursion import Note, Wrench
+from ..tree.frozen_joints import JointGeometry, Note
+from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .laws import Effect
 from .scalar_functions import Functions

@@ -64,16 +64,7 @@ def eliminated(
     states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, armature, states.drives, slopes.transmissions)
     left = replace(bound, armature=tuple(rotors.armature))
-    solved = Elimination(
-        d.model,
-        left,
-        d.joints,
-        v,
-        rotors.drives,
-        d.graph.note,
-        coupled=coupled,
-        slopes=beside,
-    )
+    solved = Elimination(replace(d.tree, bound=left), v, rotors.drives, coupled=coupled, slopes=beside)
     rotors.release(solved.accelerations, solved.pivots)
     states.release(solved.accelerations, solved.pivots)
     return EliminatedTree(states, rotors, solved, solved.accelerations), solved.pivots
@@ -104,8 +95,8 @@ def reduced(
     active, prescribed = frozenset(d.active), d.model.prescribed
     left = replace(bound, armature=tuple(rotors.armature))
     coasting = d.followers.accelerate([0.0] * d.model.size, v)
-    bias, _ = inertial_rows(d.model, left, d.joints, v, coasting, left.gravity, d.graph.note)
-    whole = mass_matrix(d.model, left, d.joints, d.graph.note)
+    bias, _ = inertial_rows(replace(d.tree, bound=left), v, coasting, left.gravity)
+    whole = mass_matrix(replace(d.tree, bound=left))
     for pair, slope in beside.items():
         whole[pair] = whole.get(pair, 0.0) + slope
     whole = d.followers.symmetric(whole)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..joint.zeros import zero_map
 from ..program.reverse_mode import gradient
 from ..tree.composite import coriolis_matrix
 from ..tree.frame_motion import frame_accelerations, frame_velocities, imu, imu_at
+from ..tree.frozen_joints import no_note
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.momentum import center_of_mass, total_momentum
 from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energy, through_joint_back
@@ -54,11 +56,11 @@ def _mass_matrix(d: Derivation) -> Outputs:
 
 def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
     coasting = d.coasting if v is d.v else d.still
-    return inertial_rows(d.model, d.bound, d.joints, v, coasting, d.bound.gravity, d.graph.note)[0]
+    return inertial_rows(d.tree, v, coasting, d.bound.gravity)[0]
 
 
 def _generalized_force(d: Derivation) -> Outputs:
-    weights = inertial_rows(d.model, d.bound, d.joints, d.still, d.still, d.bound.gravity)[0]
+    weights = inertial_rows(replace(d.tree, note=no_note), d.still, d.still, d.bound.gravity)[0]
     springs = d.passive_forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
@@ -80,7 +82,7 @@ def _drive_jacobian(d: Derivation) -> Outputs:
 
 def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
     wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
-    return external_rows(d.model, d.bound, d.joints, wrenches)
+    return external_rows(d.tree, wrenches)
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
@@ -93,7 +95,7 @@ def _residual_jacobian(d: Derivation) -> Outputs:
 def _coriolis_matrix(d: Derivation) -> Outputs:
     if bends(d):
         return modal_coriolis_matrix(d)
-    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
+    return d.matrices(coriolis_matrix(d.tree, d.v))
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -119,7 +121,7 @@ def _christoffel(d: Derivation) -> Outputs:
     outputs: Outputs = {}
     for k, index in enumerate(d.active):
         velocity = d.followers.follow([float(i == index) for i in range(d.model.size)])
-        column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
+        column = d.matrices(coriolis_matrix(d.tree, velocity))
         for (_, ij), value in column.items():
             outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
     return dict(sorted(outputs.items()))
@@ -127,7 +129,7 @@ def _christoffel(d: Derivation) -> Outputs:
 
 def _kinematics(d: Derivation) -> Outputs:
     """Write frames as rows of [R ¦ X], then the bodies' origins, then the coordinates' axes."""
-    bodies, axes = body_poses(d.model, d.joints)
+    bodies, axes = body_poses(d.tree)
     values: list[Scalar] = []
     for pose in frame_poses(d.model, d.bound, bodies):
         for row, x in zip(pose.rotation, pose.origin, strict=True):
@@ -142,8 +144,8 @@ def _kinematics(d: Derivation) -> Outputs:
 
 
 def _energy(d: Derivation) -> Outputs:
-    kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
-    potential = weight_energy(d.model, d.bound, d.joints)
+    kinetic = kinetic_energy(d.tree, d.v)
+    potential = weight_energy(d.tree)
     for element in d.elements:
         for energy in element.energies():
             potential = potential + energy
@@ -153,20 +155,20 @@ def _energy(d: Derivation) -> Outputs:
 
 
 def _centroidal_momentum(d: Derivation) -> Outputs:
-    linear, angular = total_momentum(d.model, d.bound, d.joints, d.v)
-    center = center_of_mass(d.model, d.bound, d.joints)
+    linear, angular = total_momentum(d.tree, d.v)
+    center = center_of_mass(d.tree)
     return vector([*linear, *subtract(angular, cross(center, linear))])
 
 
 def _generalized_momentum(d: Derivation) -> Outputs:
     """Write derivatives of the kinetic energy by velocities, then by coordinates: one reverse sweep has both."""
-    slopes = gradient(d.graph, kinetic_energy(d.model, d.bound, d.joints, d.v))
+    slopes = gradient(d.graph, kinetic_energy(d.tree, d.v))
     return vector([slopes.get((array, i), 0.0) for array in "vq" for i in range(len(d.active))])
 
 
 def _reactions(d: Derivation) -> list[Wrench]:
     """Return what each joint carries, at its body's origin in its axes."""
-    _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
+    _, total = inertial_rows(d.tree, d.v, d.a, d.bound.gravity)
     for element in d.elements:
         for k, held in element.wrenches(d.v):
             total[k] = total[k] + held
@@ -190,9 +192,9 @@ def _measurement(d: Derivation) -> Outputs:
         if conflict is not None:
             raise InputError(f"sensors of {d.described.name}: {conflict}")
     torques = _joint_torques(d) if any(x.kind == "torque" for x in robot.sensors) else {}
-    bodies, _ = body_poses(d.model, d.joints)
+    bodies, _ = body_poses(d.tree)
     poses = dict(zip(d.model.frames, frame_poses(d.model, d.bound, bodies), strict=True))
-    moving = accelerations(d.model, d.bound, d.joints, d.v, d.a)
+    moving = accelerations(d.tree, d.v, d.a)
     places = {name: i for i, name in enumerate(d.model.coordinates)}
 
     def read(sensor: Sensor) -> list[Scalar]:
@@ -210,7 +212,7 @@ def _measurement(d: Derivation) -> Outputs:
 
 def _regressor(d: Derivation) -> Outputs:
     """Write columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
-    columns = inertial_columns(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
+    columns = inertial_columns(d.tree, d.v, d.a)
     none, driven = [0.0] * len(INERTIAL), [d.model.coordinates.index(name) for name in armatures(d.described)]
     values: list[Scalar] = []
     for row in d.active:
@@ -259,14 +261,14 @@ def _deflections(d: Derivation) -> list[Deflection]:
 
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
-    "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.coasting, ZERO, d.graph.note)[0]),
+    "bias_force": lambda d: d.vector(inertial_rows(d.tree, d.v, d.coasting, ZERO)[0]),
     "gravity": lambda d: d.vector(_nonlinear_effects(d, d.still)),
     "nonlinear_effects": lambda d: d.vector(_nonlinear_effects(d, d.v)),
-    "center_of_mass": lambda d: vector([*center_of_mass(d.model, d.bound, d.joints)]),
+    "center_of_mass": lambda d: vector([*center_of_mass(d.tree)]),
     "centroidal_momentum": _centroidal_momentum,
-    "frame_velocities": lambda d: vector(frame_velocities(d.model, d.bound, d.joints, d.v)),
-    "frame_accelerations": lambda d: vector(frame_accelerations(d.model, d.bound, d.joints, d.v, d.a)),
-    "imu": lambda d: vector(imu(d.model, d.bound, d.joints, d.v, d.a)),
+    "frame_velocities": lambda d: vector(frame_velocities(d.tree, d.v)),
+    "frame_accelerations": lambda d: vector(frame_accelerations(d.tree, d.v, d.a)),
+    "imu": lambda d: vector(imu(d.tree, d.v, d.a)),
     "measurement": _measurement,
     "generalized_momentum": _generalized_momentum,
     "generalized_force": _generalized_force,

@@ -20,12 +20,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
-from ..tree.bound import Bound
-from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.frozen_joints import PosedTree, unit
 from ..tree.modal import modal_wrench
-from ..tree.recursion import NO_WRENCH, Acceleration, Note, Wrench, acceleration, no_note
+from ..tree.recursion import NO_WRENCH, Acceleration, Wrench, acceleration
 from ..tree.spatial import (
     ZERO,
     Mat,
@@ -91,12 +90,9 @@ class Elimination:
 
     def __init__(
         self,
-        model: Model,
-        bound: Bound,
-        joints: Sequence[JointGeometry],
+        tree: PosedTree,
         v: Sequence[Scalar],
         drives: Sequence[Scalar],
-        note: Note = no_note,
         *,
         coupled: bool = False,
         slopes: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
@@ -110,18 +106,18 @@ class Elimination:
             coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
                 no free bodies.
         """
-        self.model, self.bound, self.joints, self.v, self.note = model, bound, joints, v, note
-        self.drives = list(drives)
-        self.shares = {index: share for body in bound.bodies for index, share in body.shares.items()}
-        self.prescribed, self.slopes = frozenset(model.prescribed).union(self.shares), slopes
+        self.model, self.bound, self.joints, self.note = tree.model, tree.bound, tree.joints, tree.note
+        self.v, self.drives = v, list(drives)
+        self.shares = {index: share for body in self.bound.bodies for index, share in body.shares.items()}
+        self.prescribed, self.slopes = frozenset(self.model.prescribed).union(self.shares), slopes
         self.coupled: dict[int, Coupled] = {}
         self.modes: dict[int, Modes] = {}
         beside = {i for pair in slopes for i in pair}.union(self.shares)
-        self.bodies = FreeBodies(model, bound, joints, v, drives, alone=coupled, coupled=beside)
+        self.bodies = FreeBodies(tree, v, drives, alone=coupled, coupled=beside)
         self.free, self.accelerations, self.pivots = self.bodies.free, self.bodies.accelerations, self.bodies.pivots
         self.sizes = self._sizes()
         self.speeds = self._speeds()
-        self.steps: list[list[_Step]] = [[] for _ in model.bodies]
+        self.steps: list[list[_Step]] = [[] for _ in self.model.bodies]
         self.blocks: dict[int, _Block] = {}
         self._backward()
         self._forward()

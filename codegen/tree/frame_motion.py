@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
 from .bound import Bound
-from .frozen_joints import JointGeometry
+from .frozen_joints import PosedTree
 from .kinematics import body_poses
 from .recursion import Acceleration, accelerations, velocities
 from .spatial import ZERO, Pose, Scalar, Vec, add, cross, matvec, scale, transpose
 
 
-def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> list[Scalar]:
+def frame_velocities(tree: PosedTree, v: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame the velocity of its origin, m/s, and its angular velocity, rad/s: six numbers, base frame."""
-    poses, _ = body_poses(model, joints)
-    bodies = [W for _, W in velocities(model, joints, v)]
+    poses, _ = body_poses(tree)
+    bodies = [W for _, W in velocities(tree, v)]
     values: list[Scalar] = []
-    for body, pose in (bound.frames[name] for name in model.frames):
+    for body, pose in (tree.bound.frames[name] for name in tree.model.frames):
         if body == FIXED_BODY:
             values.extend([0.0] * 6)
             continue
@@ -29,14 +29,12 @@ def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry]
     return values
 
 
-def frame_accelerations(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
-) -> list[Scalar]:
+def frame_accelerations(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame the acceleration of its origin, m/s^2, and its angular acceleration, rad/s^2: six numbers."""
-    poses, _ = body_poses(model, joints)
-    bodies = accelerations(model, replace(bound, gravity=ZERO), joints, v, a)
+    poses, _ = body_poses(tree)
+    bodies = accelerations(replace(tree, bound=replace(tree.bound, gravity=ZERO)), v, a)
     values: list[Scalar] = []
-    for body, pose in (bound.frames[name] for name in model.frames):
+    for body, pose in (tree.bound.frames[name] for name in tree.model.frames):
         if body == FIXED_BODY:
             values.extend([0.0] * 6)
             continue
@@ -46,12 +44,11 @@ def frame_accelerations(
     return values
 
 
-def imu(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
-) -> list[Scalar]:
+def imu(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame what an IMU there reads, in the frame's axes: specific force, m/s^2, and angular rate, rad/s."""
-    bodies = accelerations(model, bound, joints, v, a)
-    return [x for name in model.frames for vector in imu_at(bound, bodies, *bound.frames[name]) for x in vector]
+    bodies = accelerations(tree, v, a)
+    frames = (tree.bound.frames[name] for name in tree.model.frames)
+    return [x for frame in frames for vector in imu_at(tree.bound, bodies, *frame) for x in vector]
 
 
 def imu_at(bound: Bound, bodies: Sequence[Acceleration], body: int, pose: Pose) -> tuple[Vec, Vec]:
