@@ -31,7 +31,7 @@ from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
 from ..tree.constraints import Closure, closures
-from ..tree.frozen_joints import geometry, no_note
+from ..tree.frozen_joints import PosedTree, geometry
 from ..tree.spatial import Pose, PseudoInertia
 from . import bending
 from .bending import exact
@@ -159,11 +159,11 @@ def closed_form(
     bodies, inertias, M, C = moving.bodies, moving.inertias, moving.mass_matrix, moving.christoffel
     wrench = _wrench_symbols(model) if external_forces else ()
     bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i in range(n) for j in range(n)) for s in range(n))
-    joints = geometry(whole, bound, moving.at, _sincos)
-    loops = list(closures(whole, bound, joints, _sincos, no_note))
+    tree = PosedTree(whole, bound, geometry(whole, bound, moving.at, _sincos))
+    loops = list(closures(tree, _sincos))
     placed = (*moving.at, *(sp.S.Zero for _ in z))  # nothing depends on positions of states
     inputs = {i: u[i] for i in whole.drives}
-    setting = Setting(whole, bound, joints, placed, _sincos, SYMBOLS, no_note, lambda: loops, inputs)
+    setting = Setting(**vars(tree), q=placed, sincos=_sincos, functions=SYMBOLS, closures=lambda: loops, inputs=inputs)
     elements = [family(setting) for family in ELEMENTS]
     rates = (*(sum(share[i] * v[i] for i in share) for share in moving.shares), *z)
     Q, z_rates = _elastic_and_weight(bound, moving, q, elements, rates)

@@ -11,14 +11,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
-from eomgen.robot.model import Model
-
 from ..program.forward_mode import gradients
 from ..program.ir import Graph
-from ..tree.bound import Bound
 from ..tree.composite import Rows
 from ..tree.constraints import Closure
-from ..tree.frozen_joints import JointGeometry, Note
+from ..tree.frozen_joints import PosedTree
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .laws import Effect
@@ -32,21 +29,17 @@ Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
 
 
-@dataclass(frozen=True)
-class Setting:
+@dataclass(frozen=True, kw_only=True)
+class Setting(PosedTree):
     """A tree where q is, which forces act in.
 
-    sincos, functions, note: of the scalars.  closures: gives the loops where q is.
+    sincos, functions: of the scalars.  closures: gives the loops where q is.
     inputs: of drives, by the indices of their coordinates.
     """
 
-    model: Model
-    bound: Bound
-    joints: Sequence[JointGeometry]
     q: Sequence[Scalar]
     sincos: Turn
     functions: Functions
-    note: Note
     closures: Callable[[], Sequence[Closure]]
     inputs: Mapping[int, Scalar]
 

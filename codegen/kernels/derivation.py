@@ -123,15 +123,12 @@ class Derivation:
     def elements(self) -> tuple[ForceElement, ...]:
         """All forces of springs, dampers, contacts and friction, where q is."""
         setting = Setting(
-            self.model,
-            self.bound,
-            self.joints,
-            self.q,
-            self.graph.sincos,
-            self.functions,
-            self.graph.note,
-            lambda: self.closures,
-            self.drive_inputs,
+            **vars(self.tree),
+            q=self.q,
+            sincos=self.graph.sincos,
+            functions=self.functions,
+            closures=lambda: self.closures,
+            inputs=self.drive_inputs,
         )
         return tuple(family(setting) for family in ELEMENTS)
 
@@ -152,7 +149,7 @@ class Derivation:
     @cached_property
     def closures(self) -> list[Closure]:
         """The loops where q is."""
-        return list(closures(self.model, self.bound, self.joints, self.graph.sincos, self.graph.note))
+        return list(closures(self.tree, self.graph.sincos))
 
     def matrix(self) -> Rows:
         """Compute the entries of M on and above the diagonal."""
