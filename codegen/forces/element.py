@@ -25,6 +25,8 @@ Member = TypeVar("Member")
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 
 SparseRow = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
+Blocks = Callable[[Scalar, Scalar], Rows]  # slopes between values, on and above the diagonal, by c and c^2
+Directions = Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]  # rank-one rows with slopes, likewise
 Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
 Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
 
@@ -159,7 +161,7 @@ class ImplicitShare(ABC):
         """
 
     @abstractmethod
-    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def in_joint(self, slopes: Blocks) -> None:
         """Add slopes between coordinates of one joint or modes of one link, on and above the diagonal, by c and c^2.
 
         They are never negative, with what ``on_coordinate`` adds to these coordinates.
@@ -181,20 +183,11 @@ class ImplicitShare(ABC):
         """
 
     @abstractmethod
-    def along_all(
-        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
-    ) -> None:
+    def along_all(self, rows: SparseRow, directions: Directions) -> None:
         """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
 
     @abstractmethod
-    def among(
-        self,
-        rows: SparseRow,
-        members: Sequence[SparseRow],
-        slopes: Callable[[Scalar, Scalar], Rows],
-        *,
-        turns: bool = False,
-    ) -> None:
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Blocks, *, turns: bool = False) -> None:
         """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places.
 
         The slopes are those on and above the diagonal, by c and c^2; never negative.  ``turns``: as of ``along``.
