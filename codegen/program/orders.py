@@ -79,16 +79,6 @@ def depth_first(program: Program, weight: Callable[[int], int] = lambda arg: 0) 
     return order
 
 
-def from_the_end(program: Program) -> Order:
-    """List statements backwards: next is always what adds least to the values that live."""
-    return _Backwards(program).order()[::-1]
-
-
-def from_the_beginning(program: Program) -> Order:
-    """List statements forwards: next is always what adds least to the values that live."""
-    return _Forwards(program).order()
-
-
 class _Greedy:
     """Places statements one by one, those first that change the number of living values least."""
 
@@ -243,7 +233,7 @@ ORDERS: Mapping[str, Callable[[Program], Order]] = {
     "as derived": as_derived,
     "by outputs": by_outputs,
     "by registers": by_registers,
-    "from the end": from_the_end,
-    "from the beginning": from_the_beginning,
+    "from the end": lambda program: _Backwards(program).order()[::-1],
+    "from the beginning": lambda program: _Forwards(program).order(),
 }
 SUNK: Mapping[str, int | None] = {"": None, ", sunk": 0, ", sunk further": 1}  # and their slack

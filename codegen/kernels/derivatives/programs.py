@@ -10,8 +10,7 @@ from eomgen.robot.model import Model
 from ...program.forward_mode import tangent
 from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
-from ...program.reverse_mode import adjoint
-from ...program.second_order import hessian
+from ...program.reverse_mode import adjoint, hessian
 from ...program.taylor import jet
 from ...solve.factorised import solve_operations
 from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
