@@ -28,7 +28,6 @@ SparseRow = Mapping[int, Scalar]  # derivatives of one value by coordinates, by 
 Blocks = Callable[[Scalar, Scalar], Rows]  # slopes between values, on and above the diagonal, by c and c^2
 Directions = Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]  # rank-one rows with slopes, likewise
 Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
-Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +202,6 @@ class ForceElement(ABC):
 
     FAMILY: ClassVar[str] = ""  # of ``robot.parameter_names.FAMILIES``; none where the numbers are those of others
     IS_DRIVE: ClassVar[bool] = False  # whether it drives the robot, so that inverse dynamics asks for what it does
-    KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
 
     def __init__(self, setting: Setting) -> None:
         self.at = setting

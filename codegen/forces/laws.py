@@ -320,4 +320,3 @@ GROUPS: Sequence[Mapping[str, Callable[[Deflection], Effect]]] = (
     {"stops": _stops},
     {"curve": _curve},
 )
-FORMULAS = {name: formula for group in GROUPS for name, formula in group.items()}

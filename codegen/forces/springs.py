@@ -28,7 +28,7 @@ from ..tree.composite import Rows
 from ..tree.constraints import Side, common_body
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, subtract, transpose
-from .element import ForceElement, ImplicitShare, Kernels, Setting, Slopes, add_to
+from .element import ForceElement, ImplicitShare, Setting, Slopes, add_to
 from .laws import Effect, steepest, tension
 
 REST = SMALLEST  # m
@@ -188,12 +188,6 @@ class PointSprings(ForceElement):
             for place, value in spring.stiffness().items():
                 add_to(total, place, value)
         return total
-
-    KERNELS: ClassVar[Kernels] = {
-        "spring_forces": ("values", lengths_and_tensions),
-        "spring_jacobian": ("rows", lambda self, v: self.length_rows()),
-        "spring_stiffness": ("matrices", lambda self, v: self.stiffness()),
-    }
 
     def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from eomgen.errors import InputError
 from eomgen.robot.value import AT_COORDINATES, Sensor, sensor_conflict
 
+from ..forces.cuts import ElasticLoopCoordinates
 from ..forces.element import Deflection, ForceElement
-from ..forces.elements import ELEMENTS
+from ..forces.springs import PointSprings
 from ..forces.transmissions import Transmissions
 from ..joint.zeros import zero_map
 from ..program.reverse_mode import gradient
@@ -39,6 +40,8 @@ from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 from .derivatives.modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
 from .signatures import CLOSURE_KERNELS, element_rows
+
+Family = TypeVar("Family", bound=ForceElement)
 
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
     *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
@@ -180,8 +183,7 @@ def _joint_torques(d: Derivation) -> dict[int, Scalar]:
     rows: list[Scalar] = [0.0] * d.model.size
     for wrench, joint in zip(_reactions(d), d.joints, strict=True):
         through_joint_back(wrench, joint, rows)
-    gears = next(x for x in d.elements if isinstance(x, Transmissions))
-    return {**dict(enumerate(rows)), **gears.carried(d.v)}
+    return {**dict(enumerate(rows)), **_family(d, Transmissions).carried(d.v)}
 
 
 def _measurement(d: Derivation) -> Outputs:
@@ -241,16 +243,14 @@ def _cut_poses(d: Derivation) -> Outputs:
     return vector(values)
 
 
-def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation], Outputs]:
-    """Give the writer of a kernel that tells of one family of forces."""
-    shape, tell = family.KERNELS[kernel]
+def _family(d: Derivation, kind: type[Family]) -> Family:
+    """Return all forces of one family."""
+    return next(x for x in d.elements if isinstance(x, kind))
 
-    def write(d: Derivation) -> Outputs:
-        quantities = tell(d.elements[ELEMENTS.index(family)], d.v)
-        formed: dict[str, Callable[[Any], Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
-        return formed[shape](quantities)
 
-    return write
+def _cut_forces(d: Derivation) -> Outputs:
+    loops = _family(d, ElasticLoopCoordinates)
+    return vector([x for one in loops.members for x in (one.s, loops.force_on(one, d.v))])
 
 
 def _deflections(d: Derivation) -> list[Deflection]:
@@ -304,7 +304,11 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "implicit_step": implicit_step,
     "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
     "element_jacobian": lambda d: d.rows([one.jacobian_row for one in _deflections(d)]),
-    **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
+    "spring_forces": lambda d: vector(_family(d, PointSprings).lengths_and_tensions(d.v)),
+    "spring_jacobian": lambda d: d.rows(_family(d, PointSprings).length_rows()),
+    "spring_stiffness": lambda d: d.matrices(_family(d, PointSprings).stiffness()),
+    "cut_forces": _cut_forces,
+    "cut_jacobian": lambda d: d.rows([one.jacobian_row for one in _family(d, ElasticLoopCoordinates).members]),
 }
 
 VARIANTS: Mapping[str, Mapping[str, Variant]] = {  # kernels with several variants
