@@ -82,7 +82,7 @@ def bend(
         pairs = {(i, j): _turned((*named.P[j][i], (0, 0, 0)), turn) for i, j in product(m, repeat=2)}
         if named.Q is not None:
             pairs = {(i, j): P + _turned(named.Q[i][j], turn) for (i, j), P in pairs.items()}
-        grown = [_sum(pairs[i, j] * e[j] for j in m) for i in m]
+        grown = [sum((pairs[i, j] * e[j] for j in m), sp.zeros(4, 3)) for i in m]
         for i in m:
             C = (first[i] + grown[i] / 2).row_join(sp.zeros(4, 1))
             inertias[k] = inertias[k] + e[i] * (C + C.T)
@@ -193,7 +193,3 @@ def _turned(rows: Sequence[Sequence[Expr]], turn: Matrix) -> Matrix:
 
 def _trace(left: Matrix, right: Matrix) -> Expr:
     return sp.Add(*(a * b for a, b in zip(left, right, strict=True)))
-
-
-def _sum(terms: Any) -> Matrix:
-    return sum(terms, sp.zeros(4, 3))

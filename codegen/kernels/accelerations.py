@@ -64,10 +64,6 @@ def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree
     return eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True)
 
 
-def _resting_by_leaders(d: Derivation) -> tuple[ReducedTree, Pivots]:
-    return reduced(d, replace(d.bound, gravity=ZERO), d.still, d.still)
-
-
 def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
     """Return the tree by M = L^T D L, with the pivots and what they are compared to."""
     matrix = d.matrix()
@@ -273,7 +269,7 @@ CONSTRAINED = _variants(
 PROJECTION = _variants(
     lambda d: projection(d, *_by_factors(d, d.still)),
     lambda d: projection(d, *_resting_by_elimination(d)),
-    lambda d: projection(d, *_resting_by_leaders(d)),
+    lambda d: projection(d, *reduced(d, replace(d.bound, gravity=ZERO), d.still, d.still)),
 )
 SOLVERS = _variants(
     lambda d: solved_accelerations(d, *_moving_by_factors(d)),

@@ -93,10 +93,10 @@ def residual_derivatives(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scala
     """Differentiate the residual with linear springs and dampers of coordinates and armatures, by q, v and a."""
     dr = Derivatives({}, {}, {})
     moving = _outwards(tree, v, a, scale(-1.0, tree.bound.gravity))
-    composites = [
-        Composite(body.inertia, momentum(body.inertia, _doubled(m.W)), body_wrench(m.K, body.inertia))
-        for body, m in zip(tree.bound.bodies, moving, strict=True)
-    ]
+    composites = []
+    for body, m in zip(tree.bound.bodies, moving, strict=True):
+        twice = Velocity(scale(2.0, m.W.rate), scale(2.0, m.W.origin))
+        composites.append(Composite(body.inertia, momentum(body.inertia, twice), body_wrench(m.K, body.inertia)))
     for k in range(len(tree.joints) - 1, -1, -1):
         tree.note(f"{tree.model.bodies[k].joint}: rows and columns of the derivatives of eq. (5)")
         readings, at_joint = _readings(composites[k], tree.joints[k], moving[k])
@@ -110,10 +110,6 @@ def residual_derivatives(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scala
         for rows, value in ((dr.by_q, law.stiffness), (dr.by_v, law.damping), (dr.by_a, tree.bound.armature[i])):
             rows[i, i] = rows.get((i, i), 0.0) + value
     return dr
-
-
-def _doubled(W: Velocity) -> Velocity:
-    return Velocity(scale(2.0, W.rate), scale(2.0, W.origin))
 
 
 def _outwards(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar], base: Vec) -> list[_Moving]:
