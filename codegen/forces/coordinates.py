@@ -73,7 +73,7 @@ class CoordinateLaws(ForceRows):
                 load = (
                     bearing_load([self._without_friction(j, q, v) for j in law.carriers], f)[0] if law.carriers else 0.0
                 )
-                effects[i] = effect(law.numbers, law.knots, q[i], v[i], f, load)
+                effects[i] = effect(law, q[i], v[i], f, load)
         return effects
 
     def _without_friction(self, j: int, q: Sequence[Scalar], v: Sequence[Scalar]) -> Effect:

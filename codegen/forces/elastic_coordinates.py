@@ -66,7 +66,7 @@ class ElasticCoordinate:
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
         load = bearing_load([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
-        return linear + effect(self.law.numbers, self.law.knots, s, rate, f, load)
+        return linear + effect(self.law, s, rate, f, load)
 
     def remembered(self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0) -> Iterator[tuple[StateLaw, StateEffect]]:
         """Yield its laws with states and what they do, arguments as of ``resists``."""

@@ -69,6 +69,6 @@ class Transmissions(ForceRows):
             phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
             k, b = between.law.stiffness, between.law.damping
             linear = Effect(k * phi + b * rate, k, b, 0.5 * k * phi * phi)
-            nonlinear = effect(between.law.numbers, between.law.knots, phi, rate, f)
+            nonlinear = effect(between.law, phi, rate, f)
             deflections.append((motor, between, linear, nonlinear))
         return deflections
