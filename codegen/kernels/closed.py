@@ -140,7 +140,7 @@ def with_rows(
 def with_felt_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> list[Scalar]:
     """Return accelerations, (n,), with elastic rows some of which feel other directions than they act along."""
     rows = [_changed(row, d.followers.row) for row in rows] if d.followers else rows
-    pushing, felt = _pushing(d, rows), [_along_felt(row) for row in rows]
+    pushing, felt = _pushing(d, rows), [row if row.felt is None else Row(row.felt) for row in rows]
     responses = [tree.respond(row) for row in pushing]
     answers = [
         response if row.felt is None else tree.respond(other)
@@ -149,11 +149,6 @@ def with_felt_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> list[Scala
     system = UnsymmetricSystem(pushing, responses, answers)
     multipliers = system.multipliers(lambda r: -1.0 * scaled(rows[r], tree.along(felt[r], answers[r])))
     return tree.accelerations(total(responses, multipliers))
-
-
-def _along_felt(row: Row) -> Row:
-    """Return the row of what a row feels, its own where that is a multiple of it."""
-    return row if row.felt is None else Row(row.felt)
 
 
 def _changed(row: Row, change: Callable[[Sparse], Sparse]) -> Row:

@@ -32,7 +32,6 @@ from .closed_motion import (
     closing_derivatives,
     closing_reactions,
     drives,
-    loop_reactions,
     loop_wrenches,
     wrench_outputs,
 )
@@ -292,7 +291,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
-    "loop_reactions": loop_reactions,
+    "loop_reactions": lambda d: loop_wrenches(d, elastic=True),
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
     "constraint": lambda d: vector([g.value for g in closure_residuals(d, d.still)]),
