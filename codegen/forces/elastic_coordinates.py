@@ -19,7 +19,7 @@ from ..tree.bound import BoundLaw
 from ..tree.composite import Rows
 from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
-from ..tree.spatial import Scalar, along, is_zero
+from ..tree.spatial import Scalar, add_row, along, is_zero
 from .element import ForceElement, ImplicitShare, Slopes, SparseRow, StateSite
 from .joint_stiffness import CoordinateMatrix, StiffnessMatrix, combined
 from .laws import Effect, bearing_load, effect, without_friction
@@ -134,8 +134,7 @@ class CoupledCoordinates:
         """Return the same forces by coordinates of the tree."""
         rows: dict[int, Scalar] = {}
         for coordinate, force in self.forces(v, dt):
-            for i, arm in coordinate.jacobian_row.items():
-                rows[i] = rows.get(i, 0.0) + force * arm
+            add_row(rows, force, coordinate.jacobian_row)
         return rows
 
     def energy(self) -> Scalar:

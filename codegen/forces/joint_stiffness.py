@@ -17,7 +17,7 @@ from eomgen.robot.elements.matrices import PAIRS, ROUND_OFF, entry_name
 from eomgen.robot.parameter_names import STIFFNESSES
 
 from ..tree.composite import Rows
-from ..tree.spatial import Scalar, is_zero
+from ..tree.spatial import Scalar, add_row, is_zero
 from .element import ForceRows, ImplicitShare, Slopes
 from .scalar_functions import Functions
 
@@ -95,8 +95,7 @@ def combined(factors: Mapping[int, Scalar], rows: Sequence[Mapping[int, Scalar]]
     """Return the sum of sparse rows times factors, by the rows' places."""
     total: dict[int, Scalar] = {}
     for place, factor in factors.items():
-        for i, arm in rows[place].items():
-            total[i] = total.get(i, 0.0) + factor * arm
+        add_row(total, factor, rows[place])
     return total
 
 

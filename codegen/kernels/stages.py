@@ -36,7 +36,7 @@ from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
 from ..solve.states import share, state_rows
 from ..tree.composite import Rows
-from ..tree.spatial import ZERO, Scalar, along, is_zero
+from ..tree.spatial import ZERO, Scalar, add_row, along, is_zero
 from .accelerations import MatrixShare
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs
@@ -206,8 +206,7 @@ class _Stage(MatrixShare):
         ):
             for (r, s), slope in slopes.items():
                 for one, other in [(r, s)] if r == s else [(r, s), (s, r)]:
-                    for i, arm in rows[other].items():
-                        into[one][i] = into[one].get(i, 0.0) + slope * arm
+                    add_row(into[one], slope, rows[other])
         for row, by_rate, by_place in zip(members, felt, shifted, strict=True):
             force = along(by_rate, self.rates) + along(by_place, self.shifts)
             for i, arm in row.items():

@@ -28,13 +28,7 @@ from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
 from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
-from .closed_motion import (
-    closing_derivatives,
-    closing_reactions,
-    drives,
-    loop_wrenches,
-    wrench_outputs,
-)
+from .closed_motion import closing_derivatives, closing_reactions, drives, loop_wrenches, wrench_outputs
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 from .derivatives.modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian

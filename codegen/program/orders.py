@@ -9,16 +9,8 @@ from .ir import Program, reordered
 
 FREE = ("const", "input")  # values that cost no register: numbers, and what is read where it is used
 LONG_LIFE = 100  # statements after which a vector register, of which there are 16 or 32, hardly holds a value
-ON_DEMAND = (
-    0.0,
-    0.05,
-    0.1,
-    0.15,
-    0.2,
-    0.25,
-    0.3,
-    0.4,
-)  # parts of a program that may be computed when they are asked for
+# Parts of a program that may be computed when they are asked for
+ON_DEMAND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
 
 Order = list[int]
 

@@ -14,7 +14,7 @@ from eomgen.robot.model import FIXED_BODY
 
 from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import NO_WRENCH, Wrench, through_joint_back
-from ..tree.spatial import ZERO, Scalar, Vec, add, along, is_zero, matvec, scale, transpose, vec3
+from ..tree.spatial import ZERO, Scalar, Vec, add, add_row, along, is_zero, matvec, scale, transpose, vec3
 from .coupled import Coupled
 from .elimination import Elimination
 from .factorised import Factors
@@ -196,6 +196,5 @@ def total(responses: Sequence[Response], multipliers: Sequence[Scalar]) -> Spars
     """Sum responses: what all leave at the pivots together, divided."""
     sums: Sparse = {}
     for response, multiplier in zip(responses, multipliers, strict=True):
-        for index, free in response.free.items():
-            sums[index] = sums.get(index, 0.0) + multiplier * free
+        add_row(sums, multiplier, response.free)
     return sums

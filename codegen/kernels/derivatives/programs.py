@@ -17,9 +17,8 @@ from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
-MOST_OPERATIONS = (
-    12000  # of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
-)
+# Of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
+MOST_OPERATIONS = 12000
 
 
 def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
