@@ -18,7 +18,7 @@ from ..kernels.groups import ARRAYS, kernel_group
 from ..kernels.interface import drive_inputs
 from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, SIGNATURES, available, shapes
 from ..program.ir import Program
-from .statements import Statements, write_statements
+from .statements import write_statements
 
 POSES = "Poses [R | X] of all frames in the base; eqs. (1) and (2)."
 
@@ -50,7 +50,7 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "frames": model.frames,
         "parameters": {key: float(value) for key, value in model.parameters.items()},
         "n": model.size,
-        "setup": _text(h),
+        "setup": h,
         "functions": functions,
         "rolls": {*METHODS["explicit"][2]} <= {*chosen},
     }
@@ -74,7 +74,7 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
         "reads": reads,
         "unread": unread,
         "shape": shape,
-        **_text(written),
+        **vars(written),
     }
 
 
@@ -87,7 +87,3 @@ def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...],
     if name not in equations.programs:
         raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
     return equations.programs[name], KERNELS[name].reads, ()
-
-
-def _text(written: Statements) -> dict[str, Any]:
-    return {"inputs": written.inputs, "lines": written.lines, "results": written.results}

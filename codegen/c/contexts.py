@@ -37,10 +37,8 @@ CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one mo
 MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
 LEFT = 10.0  # times that is what round-off may leave of it
 RUN = ("last", "h", "q", "sine", "cosine", GIVEN, "pose", "origins", "axes")  # that a run of bodies may take
-CHECKED = (
-    "constrained_dynamics",
-    "constrained_drives",
-)  # programs whose callers look at the closure residuals that they write
+# Programs whose callers look at the closure residuals that they write
+CHECKED = ("constrained_dynamics", "constrained_drives")
 
 
 def statuses(model: Model) -> int:

@@ -23,6 +23,7 @@ from .operation_counts import operations
 def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, Any]:
     """Return plain values for JSON: the interface of the equations, operations, zeros, functions of both libraries."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
+    kept = {name: number for name, number in kept_of_a_step(model).items() if name in equations.kernels}
     return {
         **equations.interface,
         "hoisted": len(equations.setup.outputs),
@@ -30,8 +31,8 @@ def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, 
         "survivors": survivors(model) if mapped else {},
         "halves": functions_of_libraries(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
-        **(_sizes(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
-        **_kept(equations),
+        **(_tolerances(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
+        **({"kept": kept} if kept else {}),
         **({"inertial": inertial_parameters(model)} if "regressor" in _written(equations.kernels) else {}),
         **({"redundant": is_redundant(model)} if "settling" in _written(equations.programs) else {}),
     }
@@ -42,13 +43,7 @@ def _written(names: Iterable[str]) -> set[str]:
     return {SIGNATURES[name].writes for name in names}
 
 
-def _kept(equations: Equations) -> dict[str, Any]:
-    """Return what gradients keep of a step, of those that there are."""
-    kept = {name: number for name, number in kept_of_a_step(equations.model).items() if name in equations.kernels}
-    return {"kept": kept} if kept else {}
-
-
-def _sizes(model: Model) -> dict[str, Any]:
+def _tolerances(model: Model) -> dict[str, Any]:
     """Return what tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
     return {"sizes": np.concatenate(coordinate_sizes(model)).tolist(), "rubbing": rubbing_parameters(model)}
 

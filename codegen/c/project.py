@@ -96,7 +96,6 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
         "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
-        "mex_functions": [_mex_function(function, meta["shapes"]) for function in public if not function.is_rollout],
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
@@ -124,29 +123,18 @@ def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
-    """Describe a function of the header for C++: names, views of what it reads and writes."""
+    """Describe a function of the header for C++ and of the MEX file: names, views and shapes of its arrays."""
     signature, shape = function.signature, shapes[function.signature.writes]
     return {
         "name": function.name,
         "text": signature.text,
-        "shape": " x ".join(map(str, shape)),
-        "reads": [{"name": array, "view": view(shapes[array])} for array in signature.reads],
+        "shape": shape,
+        "reads": [{"name": x, "view": view(shapes[x]), "shape": shapes[x]} for x in signature.reads],
         "out": view(shape) + (", true" if signature.symmetric else ""),
         "size": math.prod(shape),
         "by_value": math.prod(shape) <= BY_VALUE,
         "solves": signature.solves,
         "is_framed": function.is_framed,
-    }
-
-
-def _mex_function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
-    """Describe a function of the MEX file: names and shapes of what it reads and writes."""
-    signature = function.signature
-    return {
-        "name": function.name,
-        "reads": [{"name": array, "shape": shapes[array]} for array in signature.reads],
-        "shape": shapes[signature.writes],
-        "framed": function.is_framed,
     }
 
 

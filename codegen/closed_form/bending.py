@@ -18,11 +18,17 @@ from eomgen.robot.value import LinkModes
 
 from ..joint.lemmas import Matrix, joint_transform, step
 from ..tree.bound import Bound
-from .exact_numbers import exact
 
 Expr = Any  # sympy.Expr
 Value = Callable[[str, float], Expr]  # gives an expression for a named number
 AXES = "xyz"
+
+
+def exact(number: Any) -> Expr:
+    """Make floats that are small multiples of 1/2 exact in a number or expression: they prune, and read better."""
+    expression = sp.sympify(number)
+    small = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
+    return expression.xreplace(small)
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ def bend(
         pairs = {(i, j): _turned((*named.P[j][i], (0, 0, 0)), turn) for i, j in product(m, repeat=2)}
         if named.Q is not None:
             pairs = {(i, j): P + _turned(named.Q[i][j], turn) for (i, j), P in pairs.items()}
-        grown = [_sum(pairs[i, j] * e[j] for j in m) for i in m]
+        grown = [sum((pairs[i, j] * e[j] for j in m), sp.zeros(4, 3)) for i in m]
         for i in m:
             C = (first[i] + grown[i] / 2).row_join(sp.zeros(4, 1))
             inertias[k] = inertias[k] + e[i] * (C + C.T)
@@ -187,7 +193,3 @@ def _turned(rows: Sequence[Sequence[Expr]], turn: Matrix) -> Matrix:
 
 def _trace(left: Matrix, right: Matrix) -> Expr:
     return sp.Add(*(a * b for a, b in zip(left, right, strict=True)))
-
-
-def _sum(terms: Any) -> Matrix:
-    return sum(terms, sp.zeros(4, 3))

@@ -28,7 +28,7 @@ from eomgen.robot.value.modes import coupling_name
 from ..kernels.constraint_rows import Rank, rank_at_home
 from ..kernels.interface import drive_inputs
 from . import bending
-from .exact_numbers import exact
+from .bending import exact
 from .trace import ClosedForm, bends, closed_form, refuse_springs
 
 Expr = Any  # sympy.Expr

@@ -30,13 +30,11 @@ from ..forces.scalar_functions import Functions
 from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
-from ..tree.constraints import closures
-from ..tree.frozen_joints import geometry
-from ..tree.recursion import no_note
+from ..tree.constraints import Closure, closures
+from ..tree.frozen_joints import PosedTree, geometry
 from ..tree.spatial import Pose, PseudoInertia
 from . import bending
-from .constraint import ConstraintExpressions, constraint_of
-from .exact_numbers import exact
+from .bending import exact
 
 Expr = Any  # sympy.Expr
 Row = tuple[Expr, ...]
@@ -113,6 +111,22 @@ class ClosedForm:
         return call
 
 
+@dataclass(frozen=True)
+class ConstraintExpressions:
+    """Components of a constraint g(q) = 0, those of ``tree.constraints`` on symbols.
+
+    names: of the components, as in ``Model.constraints``.  values: of g, m or sines of angles.  jacobian: rows of J,
+    derivatives by the coordinates, by index.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[Expr, ...]
+    jacobian: tuple[Mapping[int, Expr], ...]
+
+
+NO_CONSTRAINT = ConstraintExpressions((), (), ())
+
+
 @dataclass
 class _Derivatives:
     """A_0k (4x4) of one body, with its first derivatives by coordinate index and second by pair (v <= w)."""
@@ -136,37 +150,32 @@ def closed_form(
     Raises:
         InputError: the robot has point-to-point springs, or an offset of an angle that is not active.
     """
-    if bends(model):
-        return _of_bending_links(model, _Values(symbolic_parameters), external_forces=external_forces)
-    model = model.tree
     refuse_springs(model)
-    binder = _Values(symbolic_parameters)
-    bound = bind(model, binder, _sincos)
-    q, v, a, u = _symbols(model)
-    z = state_symbols(model)
-    bodies = _chain_rule(model, bound, q)
-    inertias = [_matrix(body.inertia) for body in bound.bodies]
+    whole, described, binder = model.tree, model if bends(model) else model.tree, _Values(symbolic_parameters)
+    bound = bind(whole, binder, _sincos)
+    q, v, a, u = _symbols(described)
+    z, n = state_symbols(whole), len(q)
+    moving = _moving_links(model, bound, q, binder) if bends(model) else _rigid_links(model.tree, bound, q)
+    bodies, inertias, M, C = moving.bodies, moving.inertias, moving.mass_matrix, moving.christoffel
     wrench = _wrench_symbols(model) if external_forces else ()
-    M = _mass_matrix(bodies, inertias, bound.armature[: len(q)])
-    C = _christoffel(bodies, inertias, len(q))
-    pairs = [(i, j) for i in range(len(q)) for j in range(len(q))]
-    bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
-    joints = geometry(model, bound, q, _sincos)
-    loops = list(closures(model, bound, joints, _sincos, no_note))
-    placed = (*q, *(sp.S.Zero for _ in z))  # nothing depends on positions of states
-    inputs = {i: u[i] for i in model.drives}
-    setting = Setting(model, bound, joints, placed, _sincos, SYMBOLS, no_note, lambda: loops, inputs)
+    bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i in range(n) for j in range(n)) for s in range(n))
+    tree = PosedTree(whole, bound, geometry(whole, bound, moving.at, _sincos))
+    loops = list(closures(tree, _sincos))
+    placed = (*moving.at, *(sp.S.Zero for _ in z))  # nothing depends on positions of states
+    inputs = {i: u[i] for i in whole.drives}
+    setting = Setting(**vars(tree), q=placed, sincos=_sincos, functions=SYMBOLS, closures=lambda: loops, inputs=inputs)
     elements = [family(setting) for family in ELEMENTS]
-    Q, rates = _elastic_and_weight(bound, bodies, inertias, elements, (*v, *z))
+    rates = (*(sum(share[i] * v[i] for i in share) for share in moving.shares), *z)
+    Q, z_rates = _elastic_and_weight(bound, moving, q, elements, rates)
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
-    constraint = constraint_of(model, bound, q, loops)
+    constraint = NO_CONSTRAINT if bends(model) else _constraint(whole, bound, q, loops)
     Ma = M * sp.Matrix(a)
-    residual = tuple(Ma[s] + bias[s] - Q[s] - (0 if s in inputs else u[s]) for s in range(len(q)))
-    kinetic = _kinetic(bodies, inertias, bound.armature[: len(q)], v)
-    potential = _potential(bound, bodies, inertias, elements, (*v, *z))
+    residual = tuple(Ma[s] + bias[s] - Q[s] - (0 if s in inputs else u[s]) for s in range(n))
+    kinetic = sum(M[i, j] * v[i] * v[j] for i in range(n) for j in range(n)) / 2
+    potential = _potential(bound, bodies, inertias, elements, rates)
     return ClosedForm(
-        q, v, a, u, z, rates, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
+        q, v, a, u, z, z_rates, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, constraint
     )
 
 
@@ -175,15 +184,32 @@ def bends(model: Model) -> bool:
     return any(body.modes for body in model.bodies)
 
 
-def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -> ClosedForm:
-    """Derive the closed form of a robot whose links bend, in the coordinates that follow no others."""
-    refuse_springs(model)
+@dataclass(frozen=True)
+class _Links:
+    """Positions ``at`` of the tree's coordinates, their derivatives ``shares`` by q, and M and C of its links."""
+
+    at: Sequence[Expr]
+    shares: Sequence[Mapping[int, Expr]]
+    bodies: Sequence[_Derivatives]
+    inertias: Sequence[Matrix]
+    mass_matrix: Matrix
+    christoffel: tuple[tuple[Row, ...], ...]
+
+
+def _rigid_links(model: Model, bound: Bound, q: Row) -> _Links:
+    """Write M and C as traces; all coordinates are free."""
+    bodies, inertias = _chain_rule(model, bound, q), [_matrix(body.inertia) for body in bound.bodies]
+    M = _mass_matrix(bodies, inertias, bound.armature[: len(q)])
+    shares = [{i: sp.S.One} for i in range(len(q))]
+    return _Links(q, shares, bodies, inertias, M, _christoffel(bodies, inertias, len(q)))
+
+
+def _moving_links(model: Model, bound: Bound, q: Row, binder: _Values) -> _Links:
+    """Differentiate poses of a robot whose links bend by the coordinates that follow no others."""
     if model.constraints or model.internal_states or model.drives:
         what = "loops and couplings" if model.constraints else "laws with internal states, nor servo drives"
         raise InputError(f"{model.name}: the closed form of links that bend knows no {what}; leave them out")
     whole = model.tree
-    bound = bind(whole, binder, _sincos)
-    q, v, a, u = _symbols(model)
     at = bending.placed(whole, model, q)
     inertias = [_matrix(body.inertia) for body in bound.bodies]
     links = bending.bend(whole, model, q, inertias, binder)
@@ -193,31 +219,18 @@ def _of_bending_links(model: Model, binder: _Values, *, external_forces: bool) -
     S = sp.Matrix(len(at), len(q), lambda i, j: shares[i].get(j, 0))
     armature = S.T * sp.diag(*bound.armature[: len(at)]) * S
     M = bending.mass_matrix([(body.pose, body.first) for body in bodies], inertias, links, armature)
-    C = bending.christoffel(M, q)
-    bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i in range(len(q)) for j in range(len(q))) for s in range(len(q)))
-    joints = geometry(whole, bound, at, _sincos)
-    setting = Setting(whole, bound, joints, at, _sincos, SYMBOLS, no_note, list, {})
-    elements = [family(setting) for family in ELEMENTS]
-    rates = [sum(share[i] * v[i] for i in share) for share in shares]
-    g, Q = sp.Matrix([*bound.gravity, 0]), [sp.S.Zero] * len(q)
-    weights = sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
-    for i, s in enumerate(q):
-        Q[i] += weights.diff(s)
-    for element in elements:
-        for index, force in element.resist(rates):
-            for i, share in shares[index].items():
-                Q[i] -= share * exact(_with_sizes(force))
-    wrench = _wrench_symbols(model) if external_forces else ()
-    for i, force in _external_force(model, bound, bodies, wrench):
-        Q[i] += force
-    Ma = M * sp.Matrix(a)
-    residual = tuple(Ma[i] + bias[i] - Q[i] - u[i] for i in range(len(q)))
-    kinetic = sum(M[i, j] * v[i] * v[j] for i in range(len(q)) for j in range(len(q))) / 2
-    potential = sum(exact(energy) for element in elements for energy in element.energies()) - weights
-    nothing = ConstraintExpressions((), (), ())
-    return ClosedForm(
-        q, v, a, u, (), (), wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, nothing
-    )
+    return _Links(at, shares, bodies, inertias, M, bending.christoffel(M, q))
+
+
+def _constraint(model: Model, bound: Bound, q: Row, loops: Sequence[Closure]) -> ConstraintExpressions:
+    """Write g and J of loops and rigid couplings."""
+    values = [value for loop in loops for value in loop.values()]
+    rows: list[Mapping[int, Expr]] = [row for loop in loops for row in loop.jacobian()]
+    for coupling in bound.couplings:
+        if coupling.law is None:
+            values.append(coupling.residual(q))
+            rows.append(coupling.jacobian_row)
+    return ConstraintExpressions(model.constraints, tuple(values), tuple(rows))
 
 
 def refuse_springs(model: Model) -> None:
@@ -340,27 +353,27 @@ def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: 
 
 
 def _elastic_and_weight(
-    bound: Bound,
-    bodies: Sequence[_Derivatives],
-    inertias: Sequence[Matrix],
-    elements: Sequence[ForceElement],
-    v: Row,
+    bound: Bound, links: _Links, q: Row, elements: Sequence[ForceElement], v: Sequence[Expr]
 ) -> tuple[list[Expr], Row]:
     """Compute Q_P of eq. (13), and Q_G: eq. (14) with weights; the last column of H is (m r_C, m).
 
     Also the rates of internal states, which stand behind the rates in v: what resists them is minus their inertia times
     their rate.
     """
-    Q = [sp.S.Zero] * len(v)
+    n, states = len(q), len(v) - len(links.at)
+    Q = [sp.S.Zero] * (n + states)
+    shares = [*links.shares, *({n + k: sp.S.One} for k in range(states))]
     for element in elements:
-        for s, force in element.resist(v):
-            Q[s] -= exact(_with_sizes(force))
+        for index, force in element.resist(v):
+            for i, share in shares[index].items():
+                Q[i] -= share * exact(_with_sizes(force))
     g = sp.Matrix([*bound.gravity, 0])
-    for body, H in zip(bodies, inertias, strict=True):
-        for s, D in body.first.items():
-            Q[s] += _dot(g, D * H[:, 3])
-    n = len(bound.angle_offsets)
-    return Q[:n], tuple(exact(sp.expand(rate / w)) for rate, w in zip(Q[n:], bound.armature[n:], strict=True))
+    for body, H in zip(links.bodies, links.inertias, strict=True):
+        for i, s in enumerate(q):
+            Q[i] += _dot(g, body.first[i] * H[:, 3]) if i in body.first else 0
+            Q[i] += _dot(g, body.pose * H[:, 3].diff(s))
+    inertias = bound.armature[len(links.at) :]
+    return Q[:n], tuple(exact(sp.expand(rate / w)) for rate, w in zip(Q[n:], inertias, strict=True))
 
 
 def _with_sizes(force: Any) -> Expr:
@@ -391,21 +404,12 @@ def _axis(derivative: Matrix, pose: Matrix) -> Matrix:
     return sp.Matrix([W[2, 1], W[0, 2], W[1, 0]])
 
 
-def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armature: Sequence[Expr], v: Row) -> Expr:
-    """Compute eq. (4), and the rotors' energies."""
-    total = sum(j * s_dot**2 for j, s_dot in zip(armature, v, strict=True))
-    for body, H in zip(bodies, inertias, strict=True):
-        A_dot = sum((D * v[s] for s, D in body.first.items()), sp.zeros(4, 4))
-        total += _dot(A_dot * H, A_dot)
-    return total / 2
-
-
 def _potential(
     bound: Bound,
     bodies: Sequence[_Derivatives],
     inertias: Sequence[Matrix],
     elements: Sequence[ForceElement],
-    v: Row,
+    v: Sequence[Expr],
 ) -> Expr:
     """Compute energies of springs, of internal states, and of weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])

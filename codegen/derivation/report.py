@@ -55,7 +55,7 @@ def summary(model: Model) -> list[str]:
     )
     lines += [f"terms of more than {MOST_COUNTED} coordinates are not counted"] if zeros is None else zeros.lines()
     if any(body.modes for body in model.bodies):
-        lines.append("lemmas of modes: those of eomgen.codegen.joint.modal_lemmas, which the tests of eomgen prove")
+        lines.append("lemmas of modes: those of docs/theory.md, which the tests of eomgen prove")
     return lines
 
 

@@ -49,7 +49,7 @@ class Bushings(ElasticCoordinates):
         for bushing in at.bound.elements[self.FAMILY]:
             at.note(f"{bushing.name}: bushing between {bushing.links[0]} and {bushing.links[1]}")
             where = component_name(self.FAMILY, bushing.name)
-            pair = FramePair(at.model, at.joints, bushing.ends, where)
+            pair = FramePair(at, bushing.ends, where)
             known = {key: component_name(where, key) for key in bushing.numbers}
             given = {key: parameters[name] for key, name in known.items() if name in parameters}
             members = by_bushing[bushing.name] = {}

@@ -18,12 +18,12 @@ from eomgen.robot.value import MOTOR
 from ..tree.bound import BoundModalCouplings
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar, is_zero
-from .element import ForceElement, ImplicitShare, Slopes
+from .element import ForceRows, ImplicitShare, Slopes
 from .joint_stiffness import CoordinateMatrix
 from .laws import Effect, bearing_load, effect, without_friction
 
 
-class CoordinateLaws(ForceElement):
+class CoordinateLaws(ForceRows):
     """Springs, dampers and laws of all coordinates, those of motors at their shafts."""
 
     FAMILY: ClassVar[str] = JOINTS
@@ -32,10 +32,6 @@ class CoordinateLaws(ForceElement):
     def has(cls, family: str, owner: str) -> bool:
         """Tell whether numbers are those of coordinates and no motor's."""
         return super().has(family, owner) and kind_of(owner) != MOTOR
-
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give -Q_P."""
-        yield from self._rows(self.at.q, v)
 
     def energies(self) -> Iterator[Scalar]:
         """Give energies of linear springs, then of laws."""
@@ -56,11 +52,6 @@ class CoordinateLaws(ForceElement):
             for j, one, slope in zip(others, carried, bearing_load(carried, f)[1] if others else (), strict=True):
                 slopes.add((i, j), law.by_load * slope * one.by_s, law.by_load * slope * one.by_v)
 
-    def advance(self, share: ImplicitShare) -> None:
-        """Push -Q_P."""
-        for i, force in self._rows(share.q, share.v):
-            share.push(i, force)
-
     def add_diagonal(self, share: ImplicitShare) -> None:
         """Add slopes of straight lines and laws."""
         for i, law in enumerate(self.at.bound.laws):
@@ -68,7 +59,8 @@ class CoordinateLaws(ForceElement):
         for i, acting in self._effects(share.q, share.v).items():
             share.bend(i, acting)
 
-    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give -Q_P."""
         laws = self.at.bound.laws
         yield from enumerate([x.stiffness * s + x.damping * rate for x, s, rate in zip(laws, q, v, strict=True)])
         yield from ((i, law.force) for i, law in self._effects(q, v).items())
@@ -81,7 +73,7 @@ class CoordinateLaws(ForceElement):
                 load = (
                     bearing_load([self._without_friction(j, q, v) for j in law.carriers], f)[0] if law.carriers else 0.0
                 )
-                effects[i] = effect(law.numbers, law.knots, q[i], v[i], f, load)
+                effects[i] = effect(law, q[i], v[i], f, load)
         return effects
 
     def _without_friction(self, j: int, q: Sequence[Scalar], v: Sequence[Scalar]) -> Effect:
@@ -89,24 +81,13 @@ class CoordinateLaws(ForceElement):
         return without_friction(self.at.bound.laws[j], q[j], v[j], self.at.functions)
 
 
-class ModalCouplings(ForceElement):
+class ModalCouplings(ForceRows):
     """Entries of all links' modal stiffness and damping beside the diagonals."""
-
-    FAMILY: ClassVar[str] = JOINTS
-
-    @classmethod
-    def has(cls, family: str, owner: str) -> bool:
-        """Tell that no parameters are numbers of these forces: they are constants."""
-        return False
 
     @cached_property
     def matrices(self) -> list[tuple[CoordinateMatrix, CoordinateMatrix]]:
         """Stiffness and damping, link by link."""
         return [(_matrix(x.stiffness), _matrix(x.damping)) for x in self.at.bound.modal_couplings]
-
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give K e + D e'."""
-        yield from self._rows(self.at.q, v)
 
     def energies(self) -> Iterator[Scalar]:
         """Give K_kj e_k e_j."""
@@ -120,17 +101,13 @@ class ModalCouplings(ForceElement):
             K.add_to(slopes.by_q)
             D.add_to(slopes.by_v)
 
-    def advance(self, share: ImplicitShare) -> None:
-        """Push the forces where the velocities lead to."""
-        for i, force in self._rows(share.q, share.v):
-            share.push(i, force)
-
     def add_blocks(self, share: ImplicitShare) -> None:
         """Add c D + c^2 K; the diagonals, by which it is never negative, are those of coordinates."""
         for couplings in self.at.bound.modal_couplings:
             share.in_joint(partial(_slopes, couplings))
 
-    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give K e + D e'."""
         for (K, D), couplings in zip(self.matrices, self.at.bound.modal_couplings, strict=True):
             self.at.note(f"{couplings.link}: its modes work on each other")
             yield from K.times(q).items()

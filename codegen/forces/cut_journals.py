@@ -15,7 +15,7 @@ from eomgen.robot.value import COORDINATES
 
 from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
-from ..tree.spatial import Scalar, is_zero
+from ..tree.spatial import Scalar, add_row, is_zero
 from .cuts import ElasticLoopCoordinates
 from .elastic_coordinates import ElasticCoordinate
 from .element import ForceElement, ImplicitShare, Slopes, Turn
@@ -51,8 +51,7 @@ class LoopBearingContact:
         """Map rows by the cut joint's coordinates to rows by those of the tree."""
         row: SparseRow = {}
         for k, value in rows.items():
-            for i, arm in self.felt[k].jacobian_row.items():
-                row[i] = row.get(i, 0.0) + value * arm
+            add_row(row, value, self.felt[k].jacobian_row)
         return row
 
 

@@ -22,7 +22,6 @@ from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .elastic_coordinates import CoupledCoordinates, ElasticCoordinate, ElasticCoordinates
-from .element import Kernels
 from .internal_states.formulas import StateLaw, state_laws
 from .relative_placement import coordinates_of
 from .scalar_functions import Functions
@@ -84,14 +83,6 @@ class ElasticLoopCoordinates(ElasticCoordinates):
         for coordinate, force in self.forces(v):
             if isinstance(coordinate.pair, Closure):
                 yield coordinate.pair.number, coordinate.on_second(force)
-
-    KERNELS: ClassVar[Kernels] = {
-        "cut_forces": (
-            "values",
-            lambda self, v: [x for s in self.members for x in (s.s, self.force_on(s, v))],
-        ),
-        "cut_jacobian": ("rows", lambda self, v: [s.jacobian_row for s in self.members]),
-    }
 
 
 def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[ElasticCoordinate]:

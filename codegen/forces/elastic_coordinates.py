@@ -19,7 +19,7 @@ from ..tree.bound import BoundLaw
 from ..tree.composite import Rows
 from ..tree.constraints import Direction, FramePair
 from ..tree.recursion import Wrench
-from ..tree.spatial import Scalar, along, is_zero
+from ..tree.spatial import Scalar, add_row, along, is_zero
 from .element import ForceElement, ImplicitShare, Slopes, SparseRow, StateSite
 from .internal_states.formula import StateEffect
 from .internal_states.formulas import StateLaw
@@ -66,7 +66,7 @@ class ElasticCoordinate:
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
         load = bearing_load([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
-        return linear + effect(self.law.numbers, self.law.knots, s, rate, f, load)
+        return linear + effect(self.law, s, rate, f, load)
 
     def state_effects(
         self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0
@@ -136,8 +136,7 @@ class CoupledCoordinates:
         """Return the same forces by coordinates of the tree."""
         rows: dict[int, Scalar] = {}
         for coordinate, force in self.forces(v, dt):
-            for i, arm in coordinate.jacobian_row.items():
-                rows[i] = rows.get(i, 0.0) + force * arm
+            add_row(rows, force, coordinate.jacobian_row)
         return rows
 
     def energy(self) -> Scalar:

@@ -11,15 +11,12 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
-from eomgen.robot.model import Model
-
 from ..program.forward_mode import gradients
 from ..program.ir import Graph
-from ..tree.bound import Bound
 from ..tree.composite import Rows
 from ..tree.constraints import Closure
-from ..tree.frozen_joints import JointGeometry
-from ..tree.recursion import Note, Wrench
+from ..tree.frozen_joints import PosedTree
+from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar
 from .laws import Effect
 from .scalar_functions import Functions
@@ -28,25 +25,22 @@ Member = TypeVar("Member")
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
 
 SparseRow = Mapping[int, Scalar]  # derivatives of one value by coordinates, by their indices
+Blocks = Callable[[Scalar, Scalar], Rows]  # slopes between values, on and above the diagonal, by c and c^2
+Directions = Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]  # rank-one rows with slopes, likewise
 Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
-Kernels = Mapping[str, tuple[str, Callable[[Any, Sequence[Scalar]], Any]]]  # "values", "rows" or "matrices", and what
 
 
-@dataclass(frozen=True)
-class Setting:
+@dataclass(frozen=True, kw_only=True)
+class Setting(PosedTree):
     """A tree where q is, which forces act in.
 
-    sincos, functions, note: of the scalars.  closures: gives the loops where q is.
+    sincos, functions: of the scalars.  closures: gives the loops where q is.
     inputs: of drives, by the indices of their coordinates.
     """
 
-    model: Model
-    bound: Bound
-    joints: Sequence[JointGeometry]
     q: Sequence[Scalar]
     sincos: Turn
     functions: Functions
-    note: Note
     closures: Callable[[], Sequence[Closure]]
     inputs: Mapping[int, Scalar]
 
@@ -166,7 +160,7 @@ class ImplicitShare(ABC):
         """
 
     @abstractmethod
-    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def in_joint(self, slopes: Blocks) -> None:
         """Add slopes between coordinates of one joint or modes of one link, on and above the diagonal, by c and c^2.
 
         They are never negative, with what ``on_coordinate`` adds to these coordinates.
@@ -188,20 +182,11 @@ class ImplicitShare(ABC):
         """
 
     @abstractmethod
-    def along_all(
-        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
-    ) -> None:
+    def along_all(self, rows: SparseRow, directions: Directions) -> None:
         """Add forces by coordinates, and rank-one rows with slopes by c and c^2, which are never negative."""
 
     @abstractmethod
-    def among(
-        self,
-        rows: SparseRow,
-        members: Sequence[SparseRow],
-        slopes: Callable[[Scalar, Scalar], Rows],
-        *,
-        turns: bool = False,
-    ) -> None:
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Blocks, *, turns: bool = False) -> None:
         """Add forces by coordinates, and slopes between values with the derivatives ``members``, by their places.
 
         The slopes are those on and above the diagonal, by c and c^2; never negative.  ``turns``: as of ``along``.
@@ -215,9 +200,8 @@ class ForceElement(ABC):
     Resisting forces are what the drives must overcome: minus generalized forces.
     """
 
-    FAMILY: ClassVar[str]  # of its numbers, one of ``robot.parameter_names.FAMILIES``
+    FAMILY: ClassVar[str] = ""  # of ``robot.parameter_names.FAMILIES``; none where the numbers are those of others
     IS_DRIVE: ClassVar[bool] = False  # whether it drives the robot, so that inverse dynamics asks for what it does
-    KERNELS: ClassVar[Kernels] = {}  # which tell of this family alone
 
     def __init__(self, setting: Setting) -> None:
         self.at = setting
@@ -297,6 +281,21 @@ class ForceElement(ABC):
             moving: coordinates that count, by their indices.
         """
         yield from ()
+
+
+class ForceRows(ForceElement):
+    """Forces by coordinates and velocities, which a linearly implicit step takes where it takes these."""
+
+    @abstractmethod
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give resisting forces, N or N m, by coordinates, at q and v; one may have several."""
+
+    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        yield from self.rows(self.at.q, v)
+
+    def advance(self, share: ImplicitShare) -> None:
+        for i, force in self.rows(share.q, share.v):
+            share.push(i, force)
 
 
 def add_to(rows: Rows, key: tuple[int, int], value: Scalar) -> None:

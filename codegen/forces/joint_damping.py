@@ -22,7 +22,7 @@ from eomgen.robot.parameter_names import MOTIONS
 
 from ..tree.composite import Rows
 from ..tree.spatial import Scalar
-from .element import ForceElement, ImplicitShare, Slopes
+from .element import ForceRows, ImplicitShare, Slopes
 from .joint_stiffness import CoordinateMatrix
 
 FRONT, MIDDLE, BACK = MOVED["angular"]
@@ -70,7 +70,7 @@ class Damper:
                 by_q[i, beta] = by_q.get((i, beta), 0.0) + bend * v[j]
 
 
-class JointDampers(ForceElement):
+class JointDampers(ForceRows):
     """Dampings of all joints' motions, but those that are proportional to a stiffness matrix."""
 
     FAMILY: ClassVar[str] = MOTIONS
@@ -105,8 +105,8 @@ class JointDampers(ForceElement):
                 matrices.append(matrix)
         return matrices
 
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give d G v and D v."""
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give d G v and D v, with the directions where the tree is."""
         for damper in self.dampers:
             yield from damper.rows(v).items()
         for matrix in self.matrices:
@@ -118,11 +118,6 @@ class JointDampers(ForceElement):
             damper.add_slopes(slopes)
         for matrix in self.matrices:
             matrix.add_to(slopes.by_v)
-
-    def advance(self, share: ImplicitShare) -> None:
-        """Push d G v and D v, with the directions of the step's beginning."""
-        for i, force in self.resist(share.v):
-            share.push(i, force)
 
     def add_blocks(self, share: ImplicitShare) -> None:
         """Add d G and D."""

@@ -17,8 +17,8 @@ from eomgen.robot.elements.matrices import PAIRS, ROUND_OFF, entry_name
 from eomgen.robot.parameter_names import STIFFNESSES
 
 from ..tree.composite import Rows
-from ..tree.spatial import Scalar, is_zero
-from .element import ForceElement, ImplicitShare, Slopes
+from ..tree.spatial import Scalar, add_row, is_zero
+from .element import ForceRows, ImplicitShare, Slopes
 from .scalar_functions import Functions
 
 SMALLEST_PIVOT = 1e-30  # what a pivot that is 0 is divided by, which single precision can hold, too
@@ -95,8 +95,7 @@ def combined(factors: Mapping[int, Scalar], rows: Sequence[Mapping[int, Scalar]]
     """Return the sum of sparse rows times factors, by the rows' places."""
     total: dict[int, Scalar] = {}
     for place, factor in factors.items():
-        for i, arm in rows[place].items():
-            total[i] = total.get(i, 0.0) + factor * arm
+        add_row(total, factor, rows[place])
     return total
 
 
@@ -146,7 +145,7 @@ class StiffnessMatrix:
         return energy
 
 
-class JointStiffnesses(ForceElement):
+class JointStiffnesses(ForceRows):
     """Stiffness matrices of all joints."""
 
     FAMILY: ClassVar[str] = STIFFNESSES
@@ -160,10 +159,10 @@ class JointStiffnesses(ForceElement):
             springs.append(StiffnessMatrix.of(joint.numbers, damping.get(joint.joint, {}), joint.index))
         return springs
 
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give K (s + tau v) + p."""
         for spring in self.springs:
-            yield from spring.rows(self.at.q, v).items()
+            yield from spring.rows(q, v).items()
 
     def energies(self) -> Iterator[Scalar]:
         """Give the energies of the deviations."""
@@ -175,12 +174,6 @@ class JointStiffnesses(ForceElement):
             spring.matrix.add_to(slopes.by_q)
             if not is_zero(spring.lag):
                 spring.matrix.add_to(slopes.by_v, spring.lag)
-
-    def advance(self, share: ImplicitShare) -> None:
-        """Push the forces where the velocities lead to."""
-        for spring in self.springs:
-            for i, force in spring.rows(share.q, share.v).items():
-                share.push(i, force)
 
     def add_blocks(self, share: ImplicitShare) -> None:
         """Add c tau K + c^2 K."""

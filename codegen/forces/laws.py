@@ -65,34 +65,31 @@ class Effect:
 
 @dataclass(frozen=True)
 class Deflection:
-    """Arguments of a law: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
+    """Arguments of a law: those of its coordinate, deviation s and rate v.
 
-    numbers: by the names of ``robot.laws``; "stiffness" is there if a law takes it.
     s: m or rad; v: per s.  f: functions of the scalars.  load: the force that presses the joint, N.
     """
 
-    numbers: Numbers
-    knots: Sequence[float]
+    law: BoundLaw
     s: Scalar
     v: Scalar
     f: Functions
     load: Scalar = 0.0
 
+    @property
+    def numbers(self) -> Numbers:
+        """Numbers of the laws by the names of ``robot.laws``; "stiffness" is there if a law takes it."""
+        return self.law.numbers
+
 
 def effect(
-    numbers: Numbers,
-    knots: Sequence[float],
-    s: Scalar,
-    v: Scalar,
-    f: Functions,
-    load: Scalar = 0.0,
-    without: Collection[str] = (),
+    law: BoundLaw, s: Scalar, v: Scalar, f: Functions, load: Scalar = 0.0, without: Collection[str] = ()
 ) -> Effect:
     """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
-    names = {law.name for law in active_laws(numbers)}
-    names -= {law for law, _ in states_of(numbers)}  # which ``internal_states`` has
+    names = {x.name for x in active_laws(law.numbers)}
+    names -= {name for name, _ in states_of(law.numbers)}  # which ``internal_states`` has
     acting = names.difference(without, *(LAWS[name].absorbs for name in names))
-    x, total = Deflection(numbers, knots, s, v, f, load), Effect()
+    x, total = Deflection(law, s, v, f, load), Effect()
     for group in GROUPS:
         total = total + sum((formula(x) for name, formula in group.items() if name in acting), Effect())
     return total
@@ -101,7 +98,7 @@ def effect(
 def without_friction(law: BoundLaw, s: Scalar, v: Scalar, f: Functions) -> Effect:
     """Return the effect of a coordinate's springs, contacts and dampers, without its friction."""
     linear = Effect(law.stiffness * s + law.damping * v, law.stiffness, law.damping)
-    return linear + effect(law.numbers, law.knots, s, v, f, without=FRICTION)
+    return linear + effect(law, s, v, f, without=FRICTION)
 
 
 def bearing_load(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:
@@ -285,7 +282,8 @@ def _stops(x: Deflection) -> Effect:
 
 
 def _curve(x: Deflection) -> Effect:
-    return _through_points([x.numbers[f"curve.{i}"] for i in range(len(x.knots))], x.knots, x.s, x.f)
+    knots = x.law.knots
+    return _through_points([x.numbers[f"curve.{i}"] for i in range(len(knots))], knots, x.s, x.f)
 
 
 def _through_points(forces: Sequence[Scalar], knots: Sequence[float], s: Scalar, f: Functions) -> Effect:
@@ -320,4 +318,3 @@ GROUPS: Sequence[Mapping[str, Callable[[Deflection], Effect]]] = (
     {"stops": _stops},
     {"curve": _curve},
 )
-FORMULAS = {name: formula for group in GROUPS for name, formula in group.items()}

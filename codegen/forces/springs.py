@@ -21,18 +21,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from eomgen.robot.elements import Spring
-from eomgen.robot.model import Model
 from eomgen.robot.numbers import SMALLEST
 
 from ..tree.bound import BoundElement
 from ..tree.composite import Rows
 from ..tree.constraints import Side, common_body
-from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, subtract, transpose
-from .element import ForceElement, ImplicitShare, Kernels, Slopes, add_to
+from .element import ForceElement, ImplicitShare, Setting, Slopes, add_to
 from .laws import Effect, steepest, tension
-from .scalar_functions import Functions
 
 REST = SMALLEST  # m
 
@@ -61,12 +58,10 @@ class Pull:
 class PointSpring:
     """One spring: its vector d, and g and H as above."""
 
-    def __init__(
-        self, model: Model, spring: BoundElement, joints: Sequence[JointGeometry], v: Sequence[Scalar], f: Functions
-    ) -> None:
-        self.spring, self.v, self.f = spring, v, f
-        top = common_body(model, spring.ends[0][0], spring.ends[1][0])
-        first, second = (Side(model, joints, top, end) for end in spring.ends)
+    def __init__(self, at: Setting, spring: BoundElement, v: Sequence[Scalar]) -> None:
+        self.spring, self.v, self.f = spring, v, at.functions
+        top = common_body(at.model, spring.ends[0][0], spring.ends[1][0])
+        first, second = (Side(at, top, end) for end in spring.ends)
         self.sides = ((first, -1.0), (second, 1.0))
         points = first.pose.origin, second.pose.origin
         self.d = subtract(points[1], points[0])
@@ -194,18 +189,12 @@ class PointSprings(ForceElement):
                 add_to(total, place, value)
         return total
 
-    KERNELS: ClassVar[Kernels] = {
-        "spring_forces": ("values", lengths_and_tensions),
-        "spring_jacobian": ("rows", lambda self, v: self.length_rows()),
-        "spring_stiffness": ("matrices", lambda self, v: self.stiffness()),
-    }
-
     def springs(self, v: Sequence[Scalar]) -> list[PointSpring]:
         """Give the springs at the velocities v, each with a comment in front of its values."""
         at, springs = self.at, list[PointSpring]()
         for spring in at.bound.elements[self.FAMILY]:
             at.note(f"{spring.name}: between {spring.links[0]} and {spring.links[1]}")
-            springs.append(PointSpring(at.model, spring, at.joints, v, at.functions))
+            springs.append(PointSpring(at, spring, v))
         return springs
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:

@@ -7,7 +7,6 @@ resists the motor, and -f the joint.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 from eomgen.names import kind_of
@@ -16,27 +15,14 @@ from eomgen.robot.value import MOTOR
 
 from ..tree.bound import BoundTransmission
 from ..tree.spatial import Scalar
-from .element import ForceElement, ImplicitShare, Slopes
+from .element import ForceRows, ImplicitShare, Slopes
 from .laws import Effect, effect
 
-
-@dataclass(frozen=True)
-class TransmissionDeflection:
-    """Effects of a transmission: ``linear`` by its stiffness and damping, ``nonlinear`` by its laws."""
-
-    linear: Effect
-    nonlinear: Effect
-
-    @property
-    def whole(self) -> Effect:
-        """Sum of both effects."""
-        return self.linear + self.nonlinear
+# The motor, what is behind it, and its effects: by stiffness and damping, and by laws
+Deflected = tuple[int, BoundTransmission, Effect, Effect]
 
 
-Deflected = tuple[int, BoundTransmission, TransmissionDeflection]  # the motor, what is behind it, and its effects
-
-
-class Transmissions(ForceElement):
+class Transmissions(ForceRows):
     """Springs and dampers between all motors and the coordinates that they drive."""
 
     FAMILY: ClassVar[str] = JOINTS
@@ -46,41 +32,33 @@ class Transmissions(ForceElement):
         """Tell whether numbers are those of a motor's table."""
         return super().has(family, owner) and kind_of(owner) == MOTOR
 
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give the forces on motors and joints."""
-        yield from self._rows(self.at.q, v)
-
     def carried(self, v: Sequence[Scalar]) -> dict[int, Scalar]:
         """Return what gears carry to their joints, by the motors' indices; N m or N on the joint's side."""
-        return {motor: deflection.whole.force for motor, _, deflection in self._deflections(self.at.q, v)}
+        return {motor: (one + other).force for motor, _, one, other in self._deflections(self.at.q, v)}
 
     def energies(self) -> Iterator[Scalar]:
         """Give the energies of the deflections."""
-        yield from (deflection.whole.energy for _, _, deflection in self._deflections(self.at.q, self.at.still))
+        yield from ((one + other).energy for *_, one, other in self._deflections(self.at.q, self.at.still))
 
     def add_slopes(self, slopes: Slopes) -> None:
         """Add what the slopes of a deflection's force are on both ends."""
-        for motor, between, deflection in self._deflections(slopes.q, slopes.v):
-            p, inverse, whole = between.principal, between.inverse_ratio, deflection.whole
+        for motor, between, one, other in self._deflections(slopes.q, slopes.v):
+            p, inverse, whole = between.principal, between.inverse_ratio, one + other
             across = [slope * inverse for slope in (whole.by_s, whole.by_rate)]
             slopes.add((motor, motor), *(x * inverse for x in across))
             slopes.add((motor, p), *(-x for x in across))
             slopes.add((p, motor), *(-x for x in across))
             slopes.add((p, p), whole.by_s, whole.by_rate)
 
-    def advance(self, share: ImplicitShare) -> None:
-        """Push the forces on motors and joints."""
-        for i, force in self._rows(share.q, share.v):
-            share.push(i, force)
-
     def add_rows(self, share: ImplicitShare) -> None:
         """Add the slopes in the deflections."""
-        for motor, _, deflection in self._deflections(share.q, share.v):
-            share.in_transmission(motor, deflection.linear, deflection.nonlinear)
+        for motor, _, linear, law in self._deflections(share.q, share.v):
+            share.in_transmission(motor, linear, law)
 
-    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        for motor, between, deflection in self._deflections(q, v):
-            force = deflection.whole.force
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give the forces on motors and joints."""
+        for motor, between, one, other in self._deflections(q, v):
+            force = (one + other).force
             yield motor, force * between.inverse_ratio
             yield between.principal, -force
 
@@ -91,6 +69,6 @@ class Transmissions(ForceElement):
             phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
             k, b = between.law.stiffness, between.law.damping
             linear = Effect(k * phi + b * rate, k, b, 0.5 * k * phi * phi)
-            nonlinear = effect(between.law.numbers, between.law.knots, phi, rate, f)
-            deflections.append((motor, between, TransmissionDeflection(linear, nonlinear)))
+            nonlinear = effect(between.law, phi, rate, f)
+            deflections.append((motor, between, linear, nonlinear))
         return deflections

@@ -30,7 +30,7 @@ MOST_COORDINATES = 80  # of an elimination whose values are accumulated
 
 def residual_slopes(d: Derivation, a: Sequence[Scalar]) -> Derivatives:
     """Differentiate the residual by q, v and a, at accelerations a."""
-    slopes = residual_derivatives(d.model, d.bound, d.joints, d.v, a, d.graph.note)
+    slopes = residual_derivatives(d.tree, d.v, a)
     _add_forces(d, slopes.by_q, slopes.by_v, [element for element in d.elements if not element.IS_DRIVE])
     return slopes
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from ..forces.element import ImplicitShare, SparseRow, StateSite, StateSlopes
+from ..forces.element import Blocks, Directions, ImplicitShare, SparseRow, StateSite, StateSlopes
 from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined
 from ..forces.laws import Effect
 from ..solve.factorised import Factors
@@ -13,6 +14,7 @@ from ..solve.reduced import ReducedTree
 from ..solve.responses import EliminatedTree, FactorisedTree, Tree
 from ..solve.rows import Row, elastic_row
 from ..solve.states import ScalarSlopes, StateRow, share, state_rows
+from ..tree.bound import Bound
 from ..tree.composite import Rows
 from ..tree.spatial import ZERO, Scalar
 from .closed import (
@@ -62,10 +64,6 @@ def _resting_by_elimination(d: Derivation) -> tuple[EliminatedTree | ReducedTree
     return eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True)
 
 
-def _resting_by_leaders(d: Derivation) -> tuple[ReducedTree, Pivots]:
-    return reduced(d, replace(d.bound, gravity=ZERO), d.still, d.still)
-
-
 def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
     """Return the tree by M = L^T D L, with the pivots and what they are compared to."""
     matrix = d.matrix()
@@ -83,23 +81,43 @@ def solved_accelerations(d: Derivation, tree: Tree, pivots: Pivots, rows: Sequen
     return {**d.motion(accelerations), **pivot_outputs(d, pivots)}
 
 
-class _Step(ImplicitShare):
-    """Shares in a linearly implicit step: forces at its end, and what slopes add to inertia, dt D + dt^2 K."""
+class MatrixShare(ImplicitShare):
+    """Shares that are collected: forces, (n,), armatures with slopes, slopes of others, rows."""
 
-    def __init__(self, d: Derivation) -> None:
-        self.dt, self.square = (d.graph.input("dt", place) for place in (0, 1))
-        super().__init__([q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt, d.drive_inputs)
-        self.functions, self.round_off = d.functions, ROUND_OFFS[d.dtype]
-        self.places = {index: place for place, index in enumerate(d.active)}
-        if d.drive_inputs:
-            inverse = 1.0 / self.dt
-            self.gains = {i: (0.0, inverse * self.added(d, i)) for i in d.drive_inputs}
+    def __init__(self, d: Derivation, *at: Any) -> None:
+        super().__init__(*at)
         self.forces: list[Scalar] = [0.0] * d.model.size
         self.armature = list(d.bound.armature)
         self.beside: Rows = {}
         self.slopes: dict[int, Scalar] = {}
         self.states: dict[int, StateRow] = {}
         self.rows: list[Row] = []
+
+    def solve(self, d: Derivation, bound: Bound, drives: list[Scalar], v: list[Any], *, by_leaders: bool) -> Outputs:
+        """Solve for accelerations.
+
+        Args:
+            by_leaders: factor the leading coordinates' matrix, where joints are eliminated else.
+        """
+        slopes = ScalarSlopes(self.slopes, self.states)
+        if by_leaders:
+            whole = replace(bound, armature=tuple(self.armature))
+            return solved_accelerations(d, *reduced(d, whole, drives, v, slopes, self.beside), self.rows)
+        options: dict[str, Any] = {"bound": bound, "coupled": bool(self.rows), "beside": self.beside}
+        return solved_accelerations(d, *eliminated(d, self.armature, drives, v, slopes, **options), self.rows)
+
+
+class _Step(MatrixShare):
+    """Shares in a linearly implicit step: forces at its end, and what slopes add to inertia, dt D + dt^2 K."""
+
+    def __init__(self, d: Derivation) -> None:
+        self.dt, self.square = (d.graph.input("dt", place) for place in (0, 1))
+        super().__init__(d, [q + self.dt * v for q, v in zip(d.q, d.v, strict=True)], d.v, self.dt, d.drive_inputs)
+        self.functions, self.round_off = d.functions, ROUND_OFFS[d.dtype]
+        self.places = {index: place for place, index in enumerate(d.active)}
+        if d.drive_inputs:
+            inverse = 1.0 / self.dt
+            self.gains = {i: (0.0, inverse * self.added(d, i)) for i in d.drive_inputs}
 
     def added(self, d: Derivation, i: int) -> Scalar:
         """Return what a controller adds to the inertia of a coordinate."""
@@ -125,7 +143,7 @@ class _Step(ImplicitShare):
             self.rows.append(elastic_row(site.row, slope))
         self.states |= state_rows(site.row, site.states, law, self.dt, f.step(whole))
 
-    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def in_joint(self, slopes: Blocks) -> None:
         for (i, j), slope in slopes(self.dt, self.square).items():
             if i == j:
                 self.armature[i] = self.armature[i] + slope
@@ -142,21 +160,12 @@ class _Step(ImplicitShare):
             self.push(i, law.force * arm)
         self.rows.append(elastic_row(row, self._ahead(law)))
 
-    def along_all(
-        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
-    ) -> None:
+    def along_all(self, rows: SparseRow, directions: Directions) -> None:
         for i, force in rows.items():
             self.push(i, force)
         self.rows += [elastic_row(row, slope) for row, slope in directions(self.dt, self.square)]
 
-    def among(
-        self,
-        rows: SparseRow,
-        members: Sequence[SparseRow],
-        slopes: Callable[[Scalar, Scalar], Rows],
-        *,
-        turns: bool = False,
-    ) -> None:
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Blocks, *, turns: bool = False) -> None:
         directions = CoordinateMatrix(slopes(self.dt, self.square)).directions(self.functions, self.round_off)
         self.along_all(rows, lambda c, square: [(combined(x, members), slope) for x, slope in directions])
 
@@ -174,19 +183,10 @@ def implicit_step(d: Derivation, *, by_leaders: bool = False) -> Outputs:
     Point-to-point springs act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
     J v = -g / dt.  Slopes of a journal and of a joint's damping couple the coordinates of the joint, and are eliminated
-    with them; the directions of such a damping are those of the step's beginning.
-
-    Args:
-        by_leaders: factor the leading coordinates' matrix, where joints are eliminated else.
+    with them; the directions of such a damping are those of the step's beginning.  ``by_leaders``: as of ``solve``.
     """
     step = _written_step(d)
-    drives = drives_left(d, step.forces)
-    slopes = ScalarSlopes(step.slopes, step.states)
-    if by_leaders:
-        whole = replace(d.bound, armature=tuple(step.armature))
-        return solved_accelerations(d, *reduced(d, whole, drives, d.v, slopes, step.beside), step.rows)
-    tree, pivots = eliminated(d, step.armature, drives, d.v, slopes, coupled=bool(step.rows), beside=step.beside)
-    return solved_accelerations(d, tree, pivots, step.rows)
+    return step.solve(d, d.bound, drives_left(d, step.forces), d.v, by_leaders=by_leaders)
 
 
 def step_has_rows(d: Derivation) -> bool:
@@ -269,7 +269,7 @@ CONSTRAINED = _variants(
 PROJECTION = _variants(
     lambda d: projection(d, *_by_factors(d, d.still)),
     lambda d: projection(d, *_resting_by_elimination(d)),
-    lambda d: projection(d, *_resting_by_leaders(d)),
+    lambda d: projection(d, *reduced(d, replace(d.bound, gravity=ZERO), d.still, d.still)),
 )
 SOLVERS = _variants(
     lambda d: solved_accelerations(d, *_moving_by_factors(d)),

@@ -64,16 +64,7 @@ def eliminated(
     states = States(d.model, bound.armature, drives, slopes.states)
     rotors = Rotors(d.model, bound, armature, states.drives, slopes.transmissions)
     left = replace(bound, armature=tuple(rotors.armature))
-    solved = Elimination(
-        d.model,
-        left,
-        d.joints,
-        v,
-        rotors.drives,
-        d.graph.note,
-        coupled=coupled,
-        slopes=beside,
-    )
+    solved = Elimination(replace(d.tree, bound=left), v, rotors.drives, coupled=coupled, slopes=beside)
     rotors.release(solved.accelerations, solved.pivots)
     states.release(solved.accelerations, solved.pivots)
     return EliminatedTree(states, rotors, solved, solved.accelerations), solved.pivots
@@ -104,8 +95,8 @@ def reduced(
     active, prescribed = frozenset(d.active), d.model.prescribed
     left = replace(bound, armature=tuple(rotors.armature))
     coasting = d.followers.accelerate([0.0] * d.model.size, v)
-    bias, _ = inertial_rows(d.model, left, d.joints, v, coasting, left.gravity, d.graph.note)
-    whole = mass_matrix(d.model, left, d.joints, d.graph.note)
+    bias, _ = inertial_rows(replace(d.tree, bound=left), v, coasting, left.gravity)
+    whole = mass_matrix(replace(d.tree, bound=left))
     for pair, slope in beside.items():
         whole[pair] = whole.get(pair, 0.0) + slope
     whole = d.followers.symmetric(whole)
@@ -149,7 +140,7 @@ def with_rows(
 def with_felt_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> list[Scalar]:
     """Return accelerations, (n,), with elastic rows some of which feel other directions than they act along."""
     rows = [_changed(row, d.followers.row) for row in rows] if d.followers else rows
-    pushing, felt = _pushing(d, rows), [_along_felt(row) for row in rows]
+    pushing, felt = _pushing(d, rows), [row if row.felt is None else Row(row.felt) for row in rows]
     responses = [tree.respond(row) for row in pushing]
     answers = [
         response if row.felt is None else tree.respond(other)
@@ -158,11 +149,6 @@ def with_felt_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> list[Scala
     system = UnsymmetricSystem(pushing, responses, answers)
     multipliers = system.multipliers(lambda r: -1.0 * scaled(rows[r], tree.along(felt[r], answers[r])))
     return tree.accelerations(total(responses, multipliers))
-
-
-def _along_felt(row: Row) -> Row:
-    """Return the row of what a row feels, its own where that is a multiple of it."""
-    return row if row.felt is None else Row(row.felt)
 
 
 def _changed(row: Row, change: Callable[[Sparse], Sparse]) -> Row:

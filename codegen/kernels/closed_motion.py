@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from eomgen.names import kind_of
@@ -53,18 +53,13 @@ def closing_reactions(d: Derivation) -> Outputs:
     return wrench_outputs(total)
 
 
-def loop_reactions(d: Derivation) -> Outputs:
-    """Compute cut joints' wrenches on their second links, in the cut frames there, where nothing in them is rigid."""
-    return _of_cuts(d, {})
+def loop_wrenches(d: Derivation, *, elastic: bool = False) -> Outputs:
+    """Compute cut joints' wrenches on their second links, in the cut frames there, of multipliers.
 
-
-def loop_wrenches(d: Derivation) -> Outputs:
-    """Return the wrenches of multipliers, for what is rigid."""
-    return _of_cuts(d, {closure.number: wrench for closure, wrench in _rigid_wrenches(d)})
-
-
-def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
-    """Add the wrenches of elastic coordinates to those of the cut joints, as outputs."""
+    Args:
+        elastic: whether nothing in them is rigid, so that there are no multipliers.
+    """
+    rigid = {} if elastic else {closure.number: wrench for closure, wrench in _rigid_wrenches(d)}
     total = [rigid.get(closure.number, NO_WRENCH) for closure in d.closures]
     for element in d.elements:
         for number, wrench in element.wrenches_in_cuts(d.v):

@@ -19,7 +19,7 @@ from ..tree.composite import Rows, mass_matrix
 from ..tree.constraints import Closure, closures
 from ..tree.followers import Followers
 from ..tree.frames import choose_frames
-from ..tree.frozen_joints import JointGeometry, geometry
+from ..tree.frozen_joints import JointGeometry, PosedTree, geometry
 from ..tree.recursion import inertial_rows
 from ..tree.regrouping import regroup
 from ..tree.spatial import Scalar
@@ -72,6 +72,7 @@ class Derivation:
         bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
         self.bound: Bound = bent(self.model, bound, self.q, self.followers)
         self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
+        self.tree = PosedTree(self.model, self.bound, self.joints, self.graph.note)
         self.still: list[Scalar] = [0.0] * self.model.size
         self.coasting = self.followers.accelerate(list(self.still), self.v)  # leaders are not accelerated
         self.functions = Functions(self.graph.call)
@@ -106,7 +107,7 @@ class Derivation:
 
         Whatever drives make is not among them, and rows of their states are 0.
         """
-        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
+        rows, _ = inertial_rows(self.tree, v, a, self.bound.gravity)
         forces = self._sum(x for element in self.elements if not element.IS_DRIVE for x in element.resist(v))
         needed = [row + force for row, force in zip(rows, forces, strict=True)]
         for k in self.model.states_of_drives:
@@ -115,22 +116,19 @@ class Derivation:
 
     def dynamics_with_drives(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Compute the same less what drives do with their inputs; of states the rows of their rates."""
-        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
+        rows, _ = inertial_rows(self.tree, v, a, self.bound.gravity)
         return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
     @cached_property
     def elements(self) -> tuple[ForceElement, ...]:
         """All forces of springs, dampers, contacts and friction, where q is."""
         setting = Setting(
-            self.model,
-            self.bound,
-            self.joints,
-            self.q,
-            self.graph.sincos,
-            self.functions,
-            self.graph.note,
-            lambda: self.closures,
-            self.drive_inputs,
+            **vars(self.tree),
+            q=self.q,
+            sincos=self.graph.sincos,
+            functions=self.functions,
+            closures=lambda: self.closures,
+            inputs=self.drive_inputs,
         )
         return tuple(family(setting) for family in ELEMENTS)
 
@@ -151,11 +149,11 @@ class Derivation:
     @cached_property
     def closures(self) -> list[Closure]:
         """The loops where q is."""
-        return list(closures(self.model, self.bound, self.joints, self.graph.sincos, self.graph.note))
+        return list(closures(self.tree, self.graph.sincos))
 
     def matrix(self) -> Rows:
         """Compute the entries of M on and above the diagonal."""
-        return mass_matrix(self.model, self.bound, self.joints, self.graph.note)
+        return mass_matrix(self.tree)
 
 
 def vector(values: list[Scalar]) -> Outputs:

@@ -5,32 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-Kind = Literal[
-    "program",
-    "tangent",
-    "adjoint",
-    "hessian",
-    "jet",
-    "frames",
-    "composed",
-    "rollout",
-    "adaptive",
-    "gradient",
+Kind = Literal[  # in the order in which C and packages have them
+    "program",  # straight-line code of one writer
+    "tangent",  # straight-line code, differentiated from another kernel's; there only if it is asked for
+    "adjoint",  # the same, its gradient by a reverse sweep
+    "hessian",  # the same, second derivatives
+    "jet",  # straight-line code, time derivatives of another kernel's; there only if they are asked for
+    "frames",  # straight-line code in shares of bodies and frames, which functions of a frame's number call
+    "composed",  # a template that calls programs: ``templates/composed``
+    "rollout",  # the same, by another call: many steps at once
+    "adaptive",  # the same, with steps whose length the error controls
+    "gradient",  # the same, and back through the steps; there only if it is asked for
 ]
-KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
-    "program": "straight-line code of one writer",
-    "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
-    "adjoint": "the same, its gradient by a reverse sweep",
-    "hessian": "the same, second derivatives",
-    "jet": "straight-line code, time derivatives of another kernel's; there only if they are asked for",
-    "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
-    "composed": "a template that calls programs: ``templates/composed``",
-    "rollout": "the same, by another call: many steps at once",
-    "adaptive": "the same, with steps whose length the error controls",
-    "gradient": "the same, and back through the steps; there only if it is asked for",
-}
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Need = Literal["", "loops", "springs", "elements", "constraints", "cuts", "laws", "followers", "drives", "sensors"]
 
 

@@ -21,18 +21,8 @@ from .signatures import EXTERNAL, KERNELS, OWN_KERNELS, closes_loops, element_ro
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
-    *(
-        "internal_states",
-        "internal_state_units",
-        "inputs",
-        "followers",
-        "cut_laws",
-        "regressor",
-        "springs",
-        "element_rows",
-        "matrices",
-    ),
-    *("conditions", "modal_couplings", "readings", "stateful"),
+    *("internal_states", "internal_state_units", "inputs", "followers", "cut_laws", "regressor", "springs"),
+    *("element_rows", "matrices", "conditions", "modal_couplings", "readings", "stateful"),
 )
 
 

@@ -507,9 +507,6 @@ def closes_loops(name: str) -> bool:
 
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
-LOOP_KERNELS = tuple(
-    name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
-)
 
 SIGNATURES = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS, **PARTS, **BACKWARDS})
 
@@ -587,8 +584,8 @@ def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
 
 def by_kind(names: Iterable[str]) -> list[str]:
     """Order kernels as KINDS has them; those of one kind in the order of KERNELS."""
-    order, place = list(KINDS), list(SIGNATURES.compiled)
-    return sorted(names, key=lambda name: (order.index(SIGNATURES[name].kind), place.index(name)))
+    place = list(SIGNATURES.compiled)
+    return sorted(names, key=lambda name: (KINDS.index(SIGNATURES[name].kind), place.index(name)))
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ fast count, as a rate J v changes with them: J^T D d(J v)/dq is in K, which is n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ..forces.element import ImplicitShare, SparseRow, StateSite, StateSlopes
+from ..forces.element import Blocks, Directions, SparseRow, StateSite, StateSlopes
 from ..forces.joint_stiffness import ROUND_OFFS, CoordinateMatrix, combined, symmetric_product
 from ..forces.laws import Effect
 from ..program.complex_pairs import on_pairs
@@ -34,11 +34,10 @@ from ..program.forward_mode import gradients
 from ..program.ir import Node, Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
-from ..solve.states import ScalarSlopes, StateRow, share, state_rows
+from ..solve.states import share, state_rows
 from ..tree.composite import Rows
-from ..tree.spatial import ZERO, Scalar, along, is_zero
-from .accelerations import solved_accelerations
-from .closed import eliminated, reduced
+from ..tree.spatial import ZERO, Scalar, add_row, along, is_zero
+from .accelerations import MatrixShare
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs
 
@@ -63,14 +62,14 @@ class _Slope:
         return _Slope(self.whole + other.whole, self.by_shift + other.by_shift)
 
 
-class _Stage(ImplicitShare):
+class _Stage(MatrixShare):
     """Shares in the matrix of a stage, and the forces that its rates and shifts, (n,) each, make in it."""
 
     arrays = ARRAYS
 
     def __init__(self, d: Derivation) -> None:
         places = {index: place for place, index in enumerate(d.active)}
-        super().__init__(d.q, d.v, 0.0, {i: d.graph.input("kp", places[d.model.beside[i]]) for i in d.drive_inputs})
+        super().__init__(d, d.q, d.v, 0.0, {i: d.graph.input("kp", places[d.model.beside[i]]) for i in d.drive_inputs})
         self.gains = {i: (d.graph.input("kp", places[i]), d.graph.input("kd", places[i])) for i in d.drive_inputs}
         self.d, self.counts_turning = d, not d.described.constraints
         times, rates, shifts, _ = self.arrays
@@ -79,13 +78,8 @@ class _Stage(ImplicitShare):
         for x in (self.rates, self.shifts):
             d.followers.follow(x)
         self.diagonal = [_Slope(0.0, 0.0)] * d.model.size
-        self.forces, self.armature = list[Scalar](), list[Scalar]()
-        self.beside: Rows = {}
-        self.slopes: dict[int, Scalar] = {}
-        self.states: dict[int, StateRow] = {}
         self.laws: list[tuple[int, StateSite, StateSlopes]] = []
         self.directions: list[tuple[SparseRow, _Slope]] = []
-        self.rows: list[Row] = []
 
     def push(self, i: int, force: Scalar) -> None:
         raise NotImplementedError("stages take no forces of elements")
@@ -136,7 +130,7 @@ class _Stage(ImplicitShare):
         """Return 1 where a force with a state counts in the matrix, 0 where it would fall."""
         return self.d.functions.step(share(law, self.c, self.square))
 
-    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def in_joint(self, slopes: Blocks) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
         for (i, j), slope in whole.items():
             for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
@@ -166,20 +160,11 @@ class _Stage(ImplicitShare):
         damping = self._rises(law) * damping + f.max(law.friction_tangent, 0.0)
         self._feel([row], [turning], {(0, 0): slope.whole}, {(0, 0): slope.by_shift}, {(0, 0): damping})
 
-    def along_all(
-        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
-    ) -> None:
+    def along_all(self, rows: SparseRow, directions: Directions) -> None:
         pairs = zip(directions(self.c, self.square), directions(0.0, self.c), strict=True)
         self.directions += [(row, _Slope(whole, by_shift)) for (row, whole), (_, by_shift) in pairs]
 
-    def among(
-        self,
-        rows: SparseRow,
-        members: Sequence[SparseRow],
-        slopes: Callable[[Scalar, Scalar], Rows],
-        *,
-        turns: bool = False,
-    ) -> None:
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Blocks, *, turns: bool = False) -> None:
         whole, by_shift = slopes(self.c, self.square), slopes(0.0, self.c)
         turning = [self._turning(row) for row in members] if turns else []
         if any(turning):
@@ -221,17 +206,14 @@ class _Stage(ImplicitShare):
         ):
             for (r, s), slope in slopes.items():
                 for one, other in [(r, s)] if r == s else [(r, s), (s, r)]:
-                    for i, arm in rows[other].items():
-                        into[one][i] = into[one].get(i, 0.0) + slope * arm
+                    add_row(into[one], slope, rows[other])
         for row, by_rate, by_place in zip(members, felt, shifted, strict=True):
             force = along(by_rate, self.rates) + along(by_place, self.shifts)
             for i, arm in row.items():
                 self.forces[i] = self.forces[i] + force * arm
             self.rows.append(Row({i: arm for i, arm in row.items() if not is_zero(arm)}, slope=0.0, felt=by_rate))
 
-    def _factored(
-        self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
-    ) -> list[tuple[dict[int, Scalar], Scalar]]:
+    def _factored(self, whole: Rows, slopes: Blocks) -> list[tuple[dict[int, Scalar], Scalar]]:
         """Return directions with slopes that make a matrix of slopes at c and c^2."""
         return CoordinateMatrix(whole).directions(self.d.functions, ROUND_OFFS[self.d.dtype])
 
@@ -267,24 +249,15 @@ class _PairStage(_Stage):
         self.size, self.size_square = d.graph.input("spans", 0), d.graph.input("spans", 1)
         self.counts_turning = False
 
-    def in_joint(self, slopes: Callable[[Scalar, Scalar], Rows]) -> None:
+    def in_joint(self, slopes: Blocks) -> None:
         by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
         super().in_joint(lambda c, square: {at: c * slope + square * by_s.get(at, 0.0) for at, slope in by_v.items()})
 
-    def along_all(
-        self, rows: SparseRow, directions: Callable[[Scalar, Scalar], Sequence[tuple[SparseRow, Scalar]]]
-    ) -> None:
+    def along_all(self, rows: SparseRow, directions: Directions) -> None:
         pairs = list(zip(directions(1.0, 0.0), directions(0.0, 1.0), strict=True))
         super().along_all(rows, lambda c, square: [(row, c * v + square * s) for (row, v), (_, s) in pairs])
 
-    def among(
-        self,
-        rows: SparseRow,
-        members: Sequence[SparseRow],
-        slopes: Callable[[Scalar, Scalar], Rows],
-        *,
-        turns: bool = False,
-    ) -> None:
+    def among(self, rows: SparseRow, members: Sequence[SparseRow], slopes: Blocks, *, turns: bool = False) -> None:
         by_v, by_s = slopes(1.0, 0.0), slopes(0.0, 1.0)
         pairs = sorted({*by_v, *by_s})
 
@@ -293,9 +266,7 @@ class _PairStage(_Stage):
 
         super().among(rows, members, linear, turns=turns)
 
-    def _factored(
-        self, whole: Rows, slopes: Callable[[Scalar, Scalar], Rows]
-    ) -> list[tuple[dict[int, Scalar], Scalar]]:
+    def _factored(self, whole: Rows, slopes: Blocks) -> list[tuple[dict[int, Scalar], Scalar]]:
         f = self.d.functions
         kept = CoordinateMatrix(slopes(self.size, self.size_square)).pivots_kept(f, ROUND_OFFS[self.d.dtype])
         return CoordinateMatrix(whole).directions(f, kept=kept)
@@ -312,32 +283,20 @@ class _PairStage(_Stage):
 
 
 def stage(d: Derivation, kind: type[_Stage] = _Stage, *, by_leaders: bool = False) -> Outputs:
-    """Solve a stage: w, (n,), and the pivots.
-
-    Args:
-        by_leaders: factor the leading coordinates' matrix, where joints are eliminated else.
-    """
-    here, rows = _written_stage(d, kind)
+    """Solve a stage: w, (n,), and the pivots; ``by_leaders``: as of ``MatrixShare.solve``."""
+    here = _written_stage(d, kind)
     prescribed = frozenset(d.model.prescribed)
     drives: list[Scalar] = [0.0 if i in prescribed else -1.0 * force for i, force in enumerate(here.forces)]
-    rest = replace(d.bound, gravity=ZERO)
-    slopes = ScalarSlopes(here.slopes, here.states)
-    if by_leaders:
-        whole = replace(rest, armature=tuple(here.armature))
-        return solved_accelerations(d, *reduced(d, whole, drives, d.still, slopes, here.beside), rows)
-    tree, pivots = eliminated(
-        d, here.armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=here.beside
-    )
-    return solved_accelerations(d, tree, pivots, rows)
+    return here.solve(d, replace(d.bound, gravity=ZERO), drives, d.still, by_leaders=by_leaders)
 
 
 def stage_has_rows(d: Derivation) -> bool:
     """Whether a stage solves for rows."""
-    return bool(_written_stage(d, _Stage)[1])
+    return bool(_written_stage(d, _Stage).rows)
 
 
-def _written_stage(d: Derivation, kind: type[_Stage]) -> tuple[_Stage, list[Row]]:
-    """Return what all elements add to a stage, and its rows."""
+def _written_stage(d: Derivation, kind: type[_Stage]) -> _Stage:
+    """Return what all elements add to a stage."""
     here, driven = kind(d), frozenset(d.model.driven)
     for element in d.elements:
         element.add_diagonal(here)
@@ -357,7 +316,8 @@ def _written_stage(d: Derivation, kind: type[_Stage]) -> tuple[_Stage, list[Row]
         for i, arm in row.items():
             here.forces[i] = here.forces[i] + force * arm
         rows.append(elastic_row(row, slope.whole))
-    return here, rows + here.rows
+    here.rows = rows + here.rows
+    return here
 
 
 def derive_stage(d: Derivation, *, by_leaders: bool = False) -> dict[str, Program]:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from eomgen.errors import InputError
 from eomgen.robot.value import AT_COORDINATES, Sensor, sensor_conflict
 
+from ..forces.cuts import ElasticLoopCoordinates
 from ..forces.element import Deflection, ForceElement
-from ..forces.elements import ELEMENTS
+from ..forces.springs import PointSprings
 from ..forces.transmissions import Transmissions
 from ..joint.zeros import zero_map
 from ..program.reverse_mode import gradient
 from ..tree.composite import coriolis_matrix
 from ..tree.frame_motion import frame_accelerations, frame_velocities, imu, imu_at
+from ..tree.frozen_joints import no_note
 from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
 from ..tree.momentum import center_of_mass, total_momentum
 from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energy, through_joint_back
@@ -25,18 +28,13 @@ from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract
 from .acceleration_slopes import SLOPES, drive_slopes, residual_slopes
 from .accelerations import CONSTRAINED, PROJECTION, SOLVERS, Variant, implicit_step
 from .bodies import axes_of
-from .closed_motion import (
-    closing_derivatives,
-    closing_reactions,
-    drives,
-    loop_reactions,
-    loop_wrenches,
-    wrench_outputs,
-)
+from .closed_motion import closing_derivatives, closing_reactions, drives, loop_wrenches, wrench_outputs
 from .constraint_rows import closure_residuals
 from .derivation import Derivation, Outputs, vector
 from .derivatives.modal_slopes import bends, modal_christoffel, modal_coriolis_matrix, modal_residual_jacobian
 from .signatures import CLOSURE_KERNELS, element_rows
+
+Family = TypeVar("Family", bound=ForceElement)
 
 DESCRIPTION_FRAMES = (  # report, or are asked, in the description's frames
     *("reactions", "tree_reactions", "closing_reactions", "loop_reactions", "loop_wrenches", "kinematics"),
@@ -54,11 +52,11 @@ def _mass_matrix(d: Derivation) -> Outputs:
 
 def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
     coasting = d.coasting if v is d.v else d.still
-    return inertial_rows(d.model, d.bound, d.joints, v, coasting, d.bound.gravity, d.graph.note)[0]
+    return inertial_rows(d.tree, v, coasting, d.bound.gravity)[0]
 
 
 def _generalized_force(d: Derivation) -> Outputs:
-    weights = inertial_rows(d.model, d.bound, d.joints, d.still, d.still, d.bound.gravity)[0]
+    weights = inertial_rows(replace(d.tree, note=no_note), d.still, d.still, d.bound.gravity)[0]
     springs = d.passive_forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
@@ -80,7 +78,7 @@ def _drive_jacobian(d: Derivation) -> Outputs:
 
 def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
     wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
-    return external_rows(d.model, d.bound, d.joints, wrenches)
+    return external_rows(d.tree, wrenches)
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
@@ -93,7 +91,7 @@ def _residual_jacobian(d: Derivation) -> Outputs:
 def _coriolis_matrix(d: Derivation) -> Outputs:
     if bends(d):
         return modal_coriolis_matrix(d)
-    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
+    return d.matrices(coriolis_matrix(d.tree, d.v))
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -119,7 +117,7 @@ def _christoffel(d: Derivation) -> Outputs:
     outputs: Outputs = {}
     for k, index in enumerate(d.active):
         velocity = d.followers.follow([float(i == index) for i in range(d.model.size)])
-        column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
+        column = d.matrices(coriolis_matrix(d.tree, velocity))
         for (_, ij), value in column.items():
             outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
     return dict(sorted(outputs.items()))
@@ -127,7 +125,7 @@ def _christoffel(d: Derivation) -> Outputs:
 
 def _kinematics(d: Derivation) -> Outputs:
     """Write frames as rows of [R ¦ X], then the bodies' origins, then the coordinates' axes."""
-    bodies, axes = body_poses(d.model, d.joints)
+    bodies, axes = body_poses(d.tree)
     values: list[Scalar] = []
     for pose in frame_poses(d.model, d.bound, bodies):
         for row, x in zip(pose.rotation, pose.origin, strict=True):
@@ -142,8 +140,8 @@ def _kinematics(d: Derivation) -> Outputs:
 
 
 def _energy(d: Derivation) -> Outputs:
-    kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
-    potential = weight_energy(d.model, d.bound, d.joints)
+    kinetic = kinetic_energy(d.tree, d.v)
+    potential = weight_energy(d.tree)
     for element in d.elements:
         for energy in element.energies():
             potential = potential + energy
@@ -153,20 +151,20 @@ def _energy(d: Derivation) -> Outputs:
 
 
 def _centroidal_momentum(d: Derivation) -> Outputs:
-    linear, angular = total_momentum(d.model, d.bound, d.joints, d.v)
-    center = center_of_mass(d.model, d.bound, d.joints)
+    linear, angular = total_momentum(d.tree, d.v)
+    center = center_of_mass(d.tree)
     return vector([*linear, *subtract(angular, cross(center, linear))])
 
 
 def _generalized_momentum(d: Derivation) -> Outputs:
     """Write derivatives of the kinetic energy by velocities, then by coordinates: one reverse sweep has both."""
-    slopes = gradient(d.graph, kinetic_energy(d.model, d.bound, d.joints, d.v))
+    slopes = gradient(d.graph, kinetic_energy(d.tree, d.v))
     return vector([slopes.get((array, i), 0.0) for array in "vq" for i in range(len(d.active))])
 
 
 def _reactions(d: Derivation) -> list[Wrench]:
     """Return what each joint carries, at its body's origin in its axes."""
-    _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
+    _, total = inertial_rows(d.tree, d.v, d.a, d.bound.gravity)
     for element in d.elements:
         for k, held in element.wrenches(d.v):
             total[k] = total[k] + held
@@ -178,8 +176,7 @@ def _joint_torques(d: Derivation) -> dict[int, Scalar]:
     rows: list[Scalar] = [0.0] * d.model.size
     for wrench, joint in zip(_reactions(d), d.joints, strict=True):
         through_joint_back(wrench, joint, rows)
-    gears = next(x for x in d.elements if isinstance(x, Transmissions))
-    return {**dict(enumerate(rows)), **gears.carried(d.v)}
+    return {**dict(enumerate(rows)), **_family(d, Transmissions).carried(d.v)}
 
 
 def _measurement(d: Derivation) -> Outputs:
@@ -190,9 +187,9 @@ def _measurement(d: Derivation) -> Outputs:
         if conflict is not None:
             raise InputError(f"sensors of {d.described.name}: {conflict}")
     torques = _joint_torques(d) if any(x.kind == "torque" for x in robot.sensors) else {}
-    bodies, _ = body_poses(d.model, d.joints)
+    bodies, _ = body_poses(d.tree)
     poses = dict(zip(d.model.frames, frame_poses(d.model, d.bound, bodies), strict=True))
-    moving = accelerations(d.model, d.bound, d.joints, d.v, d.a)
+    moving = accelerations(d.tree, d.v, d.a)
     places = {name: i for i, name in enumerate(d.model.coordinates)}
 
     def read(sensor: Sensor) -> list[Scalar]:
@@ -210,7 +207,7 @@ def _measurement(d: Derivation) -> Outputs:
 
 def _regressor(d: Derivation) -> Outputs:
     """Write columns of the bodies' inertial parameters, then of armatures; rows are coordinates."""
-    columns = inertial_columns(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
+    columns = inertial_columns(d.tree, d.v, d.a)
     none, driven = [0.0] * len(INERTIAL), [d.model.coordinates.index(name) for name in armatures(d.described)]
     values: list[Scalar] = []
     for row in d.active:
@@ -239,16 +236,14 @@ def _cut_poses(d: Derivation) -> Outputs:
     return vector(values)
 
 
-def _of_element(family: type[ForceElement], kernel: str) -> Callable[[Derivation], Outputs]:
-    """Give the writer of a kernel that tells of one family of forces."""
-    shape, tell = family.KERNELS[kernel]
+def _family(d: Derivation, kind: type[Family]) -> Family:
+    """Return all forces of one family."""
+    return next(x for x in d.elements if isinstance(x, kind))
 
-    def write(d: Derivation) -> Outputs:
-        quantities = tell(d.elements[ELEMENTS.index(family)], d.v)
-        formed: dict[str, Callable[[Any], Outputs]] = {"values": vector, "rows": d.rows, "matrices": d.matrices}
-        return formed[shape](quantities)
 
-    return write
+def _cut_forces(d: Derivation) -> Outputs:
+    loops = _family(d, ElasticLoopCoordinates)
+    return vector([x for one in loops.members for x in (one.s, loops.force_on(one, d.v))])
 
 
 def _deflections(d: Derivation) -> list[Deflection]:
@@ -259,14 +254,14 @@ def _deflections(d: Derivation) -> list[Deflection]:
 
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
-    "bias_force": lambda d: d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.coasting, ZERO, d.graph.note)[0]),
+    "bias_force": lambda d: d.vector(inertial_rows(d.tree, d.v, d.coasting, ZERO)[0]),
     "gravity": lambda d: d.vector(_nonlinear_effects(d, d.still)),
     "nonlinear_effects": lambda d: d.vector(_nonlinear_effects(d, d.v)),
-    "center_of_mass": lambda d: vector([*center_of_mass(d.model, d.bound, d.joints)]),
+    "center_of_mass": lambda d: vector([*center_of_mass(d.tree)]),
     "centroidal_momentum": _centroidal_momentum,
-    "frame_velocities": lambda d: vector(frame_velocities(d.model, d.bound, d.joints, d.v)),
-    "frame_accelerations": lambda d: vector(frame_accelerations(d.model, d.bound, d.joints, d.v, d.a)),
-    "imu": lambda d: vector(imu(d.model, d.bound, d.joints, d.v, d.a)),
+    "frame_velocities": lambda d: vector(frame_velocities(d.tree, d.v)),
+    "frame_accelerations": lambda d: vector(frame_accelerations(d.tree, d.v, d.a)),
+    "imu": lambda d: vector(imu(d.tree, d.v, d.a)),
     "measurement": _measurement,
     "generalized_momentum": _generalized_momentum,
     "generalized_force": _generalized_force,
@@ -290,7 +285,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "regressor": _regressor,
     "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
-    "loop_reactions": loop_reactions,
+    "loop_reactions": lambda d: loop_wrenches(d, elastic=True),
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
     "constraint": lambda d: vector([g.value for g in closure_residuals(d, d.still)]),
@@ -302,7 +297,11 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "implicit_step": implicit_step,
     "element_forces": lambda d: vector([x for one in _deflections(d) for x in (one.value, one.force)]),
     "element_jacobian": lambda d: d.rows([one.jacobian_row for one in _deflections(d)]),
-    **{kernel: _of_element(family, kernel) for family in ELEMENTS for kernel in family.KERNELS},
+    "spring_forces": lambda d: vector(_family(d, PointSprings).lengths_and_tensions(d.v)),
+    "spring_jacobian": lambda d: d.rows(_family(d, PointSprings).length_rows()),
+    "spring_stiffness": lambda d: d.matrices(_family(d, PointSprings).stiffness()),
+    "cut_forces": _cut_forces,
+    "cut_jacobian": lambda d: d.rows([one.jacobian_row for one in _family(d, ElasticLoopCoordinates).members]),
 }
 
 VARIANTS: Mapping[str, Mapping[str, Variant]] = {  # kernels with several variants

@@ -35,7 +35,7 @@ from ..c.library import LINKED
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
-from .running import identity, run_all
+from .running import Compiler, identity, run_all
 
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
@@ -47,16 +47,6 @@ CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*/*.py", "runtime/*
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
-
-
-@dataclass(frozen=True)
-class Compiler:
-    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our flags."""
-
-    command: tuple[str, ...]
-    version: str
-    flags: tuple[str, ...] = ()
-    link_flags: tuple[str, ...] = ()
 
 
 def find_compiler() -> Compiler:
@@ -267,11 +257,21 @@ def write_package(
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
     package = environment().get_template(PACKAGE).render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
-    headers = _headers()
+    import cffi  # what is loaded from the cache needs none
+
+    ffi, headers, work = cffi.FFI(), _headers(), folder / "build"
+    ffi.cdef(source.cdef)
+    work.mkdir()
     if headers is None:
-        _build_abi(source, compiler, flags, folder, linked)
+        _write_opening(ffi, name, folder)
+        objects, library = _compile(source, compiler, flags, folder, linked, []), f"lib{name}.so"
     else:
-        _build_api(source, compiler, flags, folder, headers, linked)
+        job, made = _wrapper_job(ffi, name, compiler, folder, headers)
+        objects = [*_compile(source, compiler, flags, folder, linked, [job]), made]
+        suffix = ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
+        library = f"_{name}{suffix}"
+    link_shared(compiler, objects, folder / library)
+    shutil.rmtree(work)
 
 
 def _headers() -> str | None:
@@ -280,26 +280,16 @@ def _headers() -> str | None:
     return folder if folder and Path(folder, "Python.h").exists() else None
 
 
-def _build_api(
-    source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str, linked: Linked
-) -> None:
-    """Build by cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
-    import cffi  # what is loaded from the cache needs none
+def _wrapper_job(ffi: Any, name: str, compiler: Compiler, folder: Path, headers: str) -> tuple[list[str], Path]:
+    """Write the wrapper of cffi's API mode; return the command that compiles it, beside the kernel, and its object."""
     from cffi.recompiler import make_c_source
 
-    name, work = source.name, folder / "build"
-    work.mkdir()
-    ffi = cffi.FFI()
-    ffi.cdef(source.cdef)
-    wrapper, made = work / f"_{name}.c", work / "wrapper.o"
+    wrapper, made = folder / "build" / f"_{name}.c", folder / "build" / "wrapper.o"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-iquote", str(folder), *_library_headers(), "-I", headers)  # a robot may be named as a system header is
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
     job = [*compiler.command, "-c", "-fPIC", "-O0", *compiler.flags, *include, str(wrapper), "-o", str(made)]
-    objects = [*_compile(source, compiler, flags, folder, linked, [job]), made]
-    suffix = ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
-    link_shared(compiler, objects, folder / f"_{name}{suffix}")
-    shutil.rmtree(work)
+    return job, made
 
 
 def _compile(
@@ -340,15 +330,10 @@ def _only(half: str, source: Source) -> tuple[str, ...]:
     return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
-def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked) -> None:
-    """Build by cffi's ABI mode: a plain shared library, opened by a Python module."""
-    import cffi
+def _write_opening(ffi: Any, name: str, folder: Path) -> None:
+    """Write modules by which cffi's ABI mode opens a plain shared library."""
     from cffi.recompiler import make_py_source
 
-    name, work = source.name, folder / "build"
-    work.mkdir()
-    ffi = cffi.FFI()
-    ffi.cdef(source.cdef)
     make_py_source(ffi, f"_{name}_types", str(folder / f"_{name}_types.py"))
     opened = (
         "from pathlib import Path\n\n"
@@ -356,8 +341,6 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
         f'lib = ffi.dlopen(str(Path(__file__).with_name("lib{name}.so")))\n'
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
-    link_shared(compiler, _compile(source, compiler, flags, folder, linked, []), folder / f"lib{name}.so")
-    shutil.rmtree(work)
 
 
 def shared_flags() -> tuple[str, ...]:

@@ -15,8 +15,8 @@ import numpy as np
 
 from eomgen.runtime.direct import NAME
 
-from .compile import Compiler, key_of, link_shared, toolchain
-from .running import run_all
+from .compile import key_of, link_shared, toolchain
+from .running import Compiler, run_all
 
 FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
 FILE, HEADERS = "direct.c", ("direct_types.h", "direct_calls.h", "direct_numbers.h", "direct_data.h")

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 from eomgen.errors import BuildError
 from eomgen.names import show
 from eomgen.runtime.levels import BASE, best_level, check_level, machine_levels
+
+from .running import Compiler
 
 _FLAGS: Mapping[str, tuple[str, ...]] = {
     BASE: (),
@@ -29,23 +30,7 @@ _GCC, _CLANG = "Free Software Foundation", "clang"  # in what they say of their 
 _FIRST_GCC = {"v4": 8}  # that knows the flags
 
 
-class Compiling(Protocol):
-    """A compiler, as ``Compiler`` has it."""
-
-    @property
-    def command(self) -> tuple[str, ...]:
-        """Its command."""
-
-    @property
-    def version(self) -> str:
-        """Return what it says of its version."""
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """Flags of the environment."""
-
-
-def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str, ...]:
+def possible_levels(compiler: Compiler, flags: Sequence[str] = ()) -> tuple[str, ...]:
     """List levels that a compiler makes code for; the base alone where its command or flags choose a processor."""
     words = (*compiler.command[1:], *compiler.flags, *flags)
     chosen = any(word.startswith(_CHOOSING) and word not in _OURS for word in words)
@@ -55,7 +40,7 @@ def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str
     return tuple(level for level in machine_levels() if gcc is None or gcc >= _FIRST_GCC.get(level, 0))
 
 
-def level_flags(level: str, compiler: Compiling, *, fused: bool) -> tuple[str, ...]:
+def level_flags(level: str, compiler: Compiler, *, fused: bool) -> tuple[str, ...]:
     """Return flags of a level; ``fused``: with fused multiply-adds, where the level has them."""
     narrow = (_NARROW,) if level == "v4" and _gcc(compiler) is not None else ()
     return (*_FLAGS[level], *(_FUSED[level] if fused else narrow))
@@ -68,7 +53,7 @@ def fuses_unasked(flags: Sequence[str]) -> bool:
     )
 
 
-def _gcc(compiler: Compiling) -> int | None:
+def _gcc(compiler: Compiler) -> int | None:
     """Return the first number of gcc's version, None for other compilers."""
     if _GCC not in compiler.version:
         return None
@@ -76,7 +61,7 @@ def _gcc(compiler: Compiling) -> int | None:
     return int(match[1]) if match else 0
 
 
-def chosen_level(asked: str, compiler: Compiling, flags: Sequence[str] = ()) -> str:
+def chosen_level(asked: str, compiler: Compiler, flags: Sequence[str] = ()) -> str:
     """Choose the level to compile for here: the one that was asked for, or the best one that runs here.
 
     Raises:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from ..c.library import FOLDER, library_files
-from .compile import OPTIMISED, QUICK, WARNINGS, Compiler, key_of, toolchain
-from .running import run_all
+from .compile import OPTIMISED, QUICK, WARNINGS, key_of, toolchain
+from .running import Compiler, run_all
 
 OBJECT = "library.o"
 HIDDEN = "-fvisibility=hidden"  # each shared library calls the objects that it was linked with

@@ -19,8 +19,8 @@ import cffi
 from eomgen.errors import BuildError
 from eomgen.threads import in_new_thread
 
-from .compile import Compiler, fuses, link_shared
-from .running import run_all
+from .compile import fuses, link_shared
+from .running import Compiler, run_all
 
 _FORMULAS: Mapping[str, str] = {  # of x, y, z, by what they are about
     "a constant": "x + 0.1",

@@ -10,11 +10,22 @@ import signal
 import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 from eomgen.errors import BuildError
 from eomgen.threads import check_not_ending
 
 PATIENCE = 2.0  # s for a terminated compiler to remove its temporary files
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our flags."""
+
+    command: tuple[str, ...]
+    version: str
+    flags: tuple[str, ...] = ()
+    link_flags: tuple[str, ...] = ()
 
 
 def identity(command: str) -> tuple[str, int, int]:

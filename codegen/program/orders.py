@@ -9,16 +9,8 @@ from .ir import Program, reordered
 
 FREE = ("const", "input")  # values that cost no register: numbers, and what is read where it is used
 LONG_LIFE = 100  # statements after which a vector register, of which there are 16 or 32, hardly holds a value
-ON_DEMAND = (
-    0.0,
-    0.05,
-    0.1,
-    0.15,
-    0.2,
-    0.25,
-    0.3,
-    0.4,
-)  # parts of a program that may be computed when they are asked for
+# Parts of a program that may be computed when they are asked for
+ON_DEMAND = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4)
 
 Order = list[int]
 
@@ -77,16 +69,6 @@ def depth_first(program: Program, weight: Callable[[int], int] = lambda arg: 0) 
                 args = sorted(program.instructions[value].args, key=lambda arg: -weight(arg))
                 waiting += [(arg, False) for arg in args[::-1] if not placed[arg]]
     return order
-
-
-def from_the_end(program: Program) -> Order:
-    """List statements backwards: next is always what adds least to the values that live."""
-    return _Backwards(program).order()[::-1]
-
-
-def from_the_beginning(program: Program) -> Order:
-    """List statements forwards: next is always what adds least to the values that live."""
-    return _Forwards(program).order()
 
 
 class _Greedy:
@@ -243,7 +225,7 @@ ORDERS: Mapping[str, Callable[[Program], Order]] = {
     "as derived": as_derived,
     "by outputs": by_outputs,
     "by registers": by_registers,
-    "from the end": from_the_end,
-    "from the beginning": from_the_beginning,
+    "from the end": lambda program: _Backwards(program).order()[::-1],
+    "from the beginning": lambda program: _Forwards(program).order(),
 }
 SUNK: Mapping[str, int | None] = {"": None, ", sunk": 0, ", sunk further": 1}  # and their slack

@@ -1,16 +1,16 @@
 """Gradients of finished programs: reverse differentiation of straight-line code, exact.
 
 Behind the program stands its reverse sweep: every value x gets the derivative of the outputs' weighted sum by x, from
-the values that use it.
+the values that use it.  That differentiated forward, in all directions at once, gives second derivatives.
 
-Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, sections 3.2 and 4.6.
+Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, sections 3.2, 4.6 and 5.1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .forward_mode import local_slopes
+from .forward_mode import gradients, local_slopes
 from .ir import ASIDE, Graph, Node, Program, Value, copied, finish
 
 
@@ -40,6 +40,25 @@ def adjoint(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
         if place < wanted.get(array, 0):
             outputs["out", begins[array] + place] = slope
     outputs |= {key: values[index] for key, index in program.outputs.items() if key[0] == "pivot"}
+    return finish(graph, name, outputs)
+
+
+def hessian(first: Program, wanted: Mapping[str, int], name: str) -> Program:
+    """Return the program of the second derivatives of sum_i seed_i out_i, a symmetric matrix, row by row.
+
+    Args:
+        first: the program of its first derivatives, which ``adjoint`` makes.
+    """
+    graph = Graph(first.operations)
+    values = copied(graph, first)
+    inputs = [graph.input(array, place) for array, size in wanted.items() for place in range(size)]
+    slopes: list[Value] = [values[first.outputs["out", i]] for i in range(len(inputs))]
+    rows = gradients(graph, slopes, inputs)
+    outputs: dict[tuple[str, int], Value] = {}
+    for i in range(len(inputs)):
+        for j in range(len(inputs)):  # slopes by arrays further behind are shorter, and so are their derivatives
+            outputs["out", i * len(inputs) + j] = rows[max(i, j)][min(i, j)]
+    outputs |= {key: values[index] for key, index in first.outputs.items() if key[0] == "pivot"}
     return finish(graph, name, outputs)
 
 

@@ -93,16 +93,12 @@ def scheduled(program: Program, places: Places) -> Schedule:
     Where values do not fit in any order, sines of coordinates that were taken long ago are taken again in the best
     ones, if that costs less, or little: what compilers store is more than the model says, unless it says nothing.
     """
-
-    def modelled(name: str, order: Order, gap: int) -> Schedule:
-        return _modelled(name, program, order, gap, places)
-
-    plain = [(name, order, modelled(name, order, 0)) for name, order in _orders(program)]
+    plain = [(name, order, _modelled(name, program, order, 0, places)) for name, order in _orders(program)]
     plain.sort(key=lambda candidate: candidate[2].cost)
     best = plain[0][2]
     if best.stores == 0:
         return best
-    again = [modelled(name, order, gap) for name, order, _ in plain[:TRIED] for gap in GAPS]
+    again = [_modelled(name, program, order, gap, places) for name, order, _ in plain[:TRIED] for gap in GAPS]
     little = sum(computed(program)) // SHARE
     fitting = [schedule for schedule in again if schedule.stores == 0 and schedule.operations <= little]
     return min(fitting or (best, *again), key=lambda schedule: schedule.cost)
@@ -121,12 +117,8 @@ def _modelled(name: str, program: Program, order: Order, gap: int, places: Place
     statements = tuple(_statements(program, order, gap))
     alive = most_alive(statements)
     stores, loads = spills(statements, places.room) if alive > places.room else (0, 0)
-    return Schedule(name, statements, _again(statements), alive, places, stores, loads)
-
-
-def _again(statements: Sequence[Statement]) -> int:
     turns = [statement.index for statement in statements if statement.op == TURN]
-    return len(turns) - len(set(turns))
+    return Schedule(name, statements, len(turns) - len(set(turns)), alive, places, stores, loads)
 
 
 def _statements(program: Program, order: Order, gap: int) -> Iterator[Statement]:

@@ -52,12 +52,8 @@ class Coupled:
         """Indices of the coordinates."""
         return [x.index for x in self.directions]
 
-    def accelerations(self, a: Vec, d: Vec) -> dict[int, Scalar]:
-        """Return accelerations by the coordinates' indices, of the acceleration (a, d) in front of them."""
-        return self.moved(dict(zip(self.indices, self.free, strict=True)), a, d)
-
     def moved(self, free: Mapping[int, Scalar], a: Vec, d: Vec) -> dict[int, Scalar]:
-        """Return it with other accelerations than ``free`` where (a, d) vanish; 0 where they have none."""
+        """Return accelerations by index, of (a, d) in front of them and those where that vanishes, 0 of absent ones."""
         accelerations = {}
         for x, gain in zip(self.directions, self.gains, strict=True):
             accelerations[x.index] = free.get(x.index, 0.0) - (dot(gain.force, a) + dot(gain.moment, d))

@@ -30,21 +30,13 @@ class Weighing:
     factors: Precision
 
 
-@dataclass(frozen=True)
-class Weighings:
-    """Weighings of mechanisms that have no more drives than freedoms for certain, and of all others.
-
-    Without a choice between drives they may weigh next to nothing, so that a drive with little leverage, near a dead
-    centre, is solved for as well.  With a choice their weight has to stand out from round-off and from ``added``.
-    """
-
-    certain: Weighing
-    general: Weighing
-
-
-WEIGHINGS: Mapping[str, Weighings] = {  # refinements are steps of the method of multipliers
-    "float64": Weighings(Weighing(1e-12, Precision(1e-14, 1e-14, 3)), Weighing(3e-8, Precision(1e-14, 1e-14, 4))),
-    "float32": Weighings(Weighing(1e-6, Precision(3e-7, 3e-7, 4)), Weighing(1e-4, Precision(1e-6, 1e-6, 5))),
+# Of mechanisms that have no more drives than freedoms for certain, and of all others; refinements are steps of the
+# method of multipliers.  Without a choice between drives they may weigh next to nothing, so that a drive of little
+# leverage, near a dead centre, is solved for as well.  With a choice their weight has to stand out from round-off and
+# ``added``.
+WEIGHINGS: Mapping[str, tuple[Weighing, Weighing]] = {
+    "float64": (Weighing(1e-12, Precision(1e-14, 1e-14, 3)), Weighing(3e-8, Precision(1e-14, 1e-14, 4))),
+    "float32": (Weighing(1e-6, Precision(3e-7, 3e-7, 4)), Weighing(1e-4, Precision(1e-6, 1e-6, 5))),
 }
 
 
@@ -53,7 +45,7 @@ def least_drives(
     needed: Sequence[Scalar],
     driven: Collection[int],
     turns: Callable[[int], bool],
-    weighings: Weighings,
+    weighings: tuple[Weighing, Weighing],
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
     """Compute the minimum-norm drives, multipliers of the rows, and what no drive can take.
 
@@ -67,7 +59,8 @@ def least_drives(
     Returns:
         u, (n,), 0 where there is no drive; lambda, (rows,); and what is left, (n,), 0 where there is one.
     """
-    weighing = weighings.certain if _has_no_choice(rows, driven) else weighings.general
+    certain, general = weighings
+    weighing = certain if _has_no_choice(rows, driven) else general
     weights = _weights(rows, driven, turns, weighing.weight)
     responses = [
         Response(dict(row.jacobian_row), {i: weights[i] * arm for i, arm in row.jacobian_row.items()}) for row in rows

@@ -20,13 +20,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
-from ..tree.bound import Bound
-from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.frozen_joints import PosedTree, unit
 from ..tree.modal import modal_wrench
-from ..tree.recursion import NO_WRENCH, Acceleration, Note, Wrench, acceleration, no_note
-from ..tree.spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, sum_mat, transpose
+from ..tree.recursion import NO_WRENCH, Acceleration, Wrench, acceleration
+from ..tree.spatial import (
+    ZERO,
+    Mat,
+    Scalar,
+    Vec,
+    add,
+    cross,
+    dot,
+    is_zero,
+    matmul,
+    matvec,
+    scale,
+    sum_mat,
+    transpose,
+)
 from .articulated import (
     NOTHING,
     Articulated,
@@ -77,12 +90,9 @@ class Elimination:
 
     def __init__(
         self,
-        model: Model,
-        bound: Bound,
-        joints: Sequence[JointGeometry],
+        tree: PosedTree,
         v: Sequence[Scalar],
         drives: Sequence[Scalar],
-        note: Note = no_note,
         *,
         coupled: bool = False,
         slopes: Mapping[tuple[int, int], Scalar] = NO_COUPLINGS,
@@ -96,18 +106,18 @@ class Elimination:
             coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
                 no free bodies.
         """
-        self.model, self.bound, self.joints, self.v, self.note = model, bound, joints, v, note
-        self.drives = list(drives)
-        self.shares = {index: share for body in bound.bodies for index, share in body.shares.items()}
-        self.prescribed, self.slopes = frozenset(model.prescribed).union(self.shares), slopes
+        self.model, self.bound, self.joints, self.note = tree.model, tree.bound, tree.joints, tree.note
+        self.v, self.drives = v, list(drives)
+        self.shares = {index: share for body in self.bound.bodies for index, share in body.shares.items()}
+        self.prescribed, self.slopes = frozenset(self.model.prescribed).union(self.shares), slopes
         self.coupled: dict[int, Coupled] = {}
         self.modes: dict[int, Modes] = {}
         beside = {i for pair in slopes for i in pair}.union(self.shares)
-        self.bodies = FreeBodies(model, bound, joints, v, drives, alone=coupled, coupled=beside)
+        self.bodies = FreeBodies(tree, v, drives, alone=coupled, coupled=beside)
         self.free, self.accelerations, self.pivots = self.bodies.free, self.bodies.accelerations, self.bodies.pivots
         self.sizes = self._sizes()
         self.speeds = self._speeds()
-        self.steps: list[list[_Step]] = [[] for _ in model.bodies]
+        self.steps: list[list[_Step]] = [[] for _ in self.model.bodies]
         self.blocks: dict[int, _Block] = {}
         self._backward()
         self._forward()
@@ -293,59 +303,89 @@ class Elimination:
         base = acceleration(ZERO, ZERO, scale(-1.0, self.bound.gravity))
         for k, body in enumerate(self.model.bodies):
             self.note(f"{body.joint}: accelerations, from the base to the tips")
-            parent = base if body.parent == FIXED_BODY else accelerations[body.parent]
+            parent, speeds = base if body.parent == FIXED_BODY else accelerations[body.parent], self.speeds[k]
             if self.free[k]:
-                a, d = self.bodies.release(k, parent, self.speeds[k])
+                a, d = self.bodies.release(k, parent, speeds)
             else:
-                a, d = self._release_steps(k, parent)
+                given = {i: self.drives[i] for i in body.indices if i in self.prescribed}
+                turning = [
+                    cross(w, unit(turn.axis, self.v[turn.index]))
+                    for turn, w in zip(self.joints[k].rotations, speeds.behind[1:], strict=True)
+                ]
+                front = self.front(k, parent.origin, parent.dot)
+                a, d = self.release(k, front, self._free(k), given, self.accelerations, (speeds.drift, turning))
             if k in self.modes:
-                self._release_modes(self.modes[k].released(a, d))
-            accelerations.append(acceleration(self.speeds[k].behind[-1], d, a))
+                self.release_modes(self.modes[k].released(a, d), self.accelerations, self.drives)
+            accelerations.append(acceleration(speeds.behind[-1], d, a))
 
-    def _release_modes(self, found: Mapping[int, Scalar]) -> None:
-        """Write accelerations of a body's modes, and of what follows them."""
-        for index, value in found.items():
-            self.accelerations[index] = value
-        for follower, share in self.shares.items():
-            for index, ratio in share.items():
-                if index in found:
-                    self.drives[follower] = self.drives[follower] + ratio * found[index]
+    def _free(self, k: int) -> dict[int, Scalar]:
+        """Return accelerations of a joint's coordinates under their drives where what is in front of it rests."""
+        free = {step.index: step.free for step in self.steps[k]}
+        if k in self.coupled:
+            free |= zip(self.coupled[k].indices, self.coupled[k].free, strict=True)
+        if k in self.blocks:
+            free |= enumerate(self.blocks[k].free, self.joints[k].translations[0][0])
+        return free
 
-    def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
-        joint, speeds = self.joints[k], self.speeds[k]
-        back = transpose(joint.turn)
-        a, d = matvec(back, add(parent.origin, cross(parent.dot, joint.offset))), matvec(back, parent.dot)
+    def front(self, k: int, a: Vec, d: Vec) -> tuple[Vec, Vec]:
+        """Return accelerations of a parent's origin and angle at a joint's frame, in the joint's axes."""
+        joint, back = self.joints[k], transpose(self.joints[k].turn)
+        return matvec(back, add(a, cross(d, joint.offset))), matvec(back, d)
+
+    def release(
+        self,
+        k: int,
+        front: tuple[Vec, Vec],
+        free: Mapping[int, Scalar],
+        given: Mapping[int, Scalar],
+        accelerations: list[Scalar],
+        drifts: tuple[Vec, Sequence[Vec]] = (ZERO, (ZERO, ZERO, ZERO)),
+    ) -> tuple[Vec, Vec]:
+        """Write accelerations of a joint's coordinates; return those of the body's origin and angle, in body axes.
+
+        Args:
+            front: as of ``front``.
+            free: of eliminated coordinates where ``front`` vanishes, by index; absent ones are 0.
+            given: of prescribed coordinates and followers, by index; absent ones are 0.
+            drifts: of the origin by velocities, and of the angle behind each rotation.
+        """
+        joint, (a, d) = self.joints[k], front
         steps = {step.index: step for step in self.steps[k]}
-        together: dict[int, Scalar] = {}
 
         def released(index: int, a: Vec, d: Vec) -> Scalar:
-            if index in together:
-                return together[index]
-            step = steps[index]
-            value = step.free - (dot(step.gain.force, a) + dot(step.gain.moment, d))
-            self.accelerations[index] = value
-            return value
+            gain = steps[index].gain
+            accelerations[index] = free.get(index, 0.0) - (dot(gain.force, a) + dot(gain.moment, d))
+            return accelerations[index]
 
         if k in self.blocks:
-            block = self.blocks[k]
-            moved = add(block.free, scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
-            first = joint.translations[0][0]
-            self.accelerations[first : first + 3] = moved
+            block, first = self.blocks[k], joint.translations[0][0]
+            x, y, z = (free.get(first + i, 0.0) for i in range(3))
+            moved = add((x, y, z), scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
+            accelerations[first : first + 3] = moved
             a = add(a, moved)
-        last = self.coupled[k].indices if k in self.coupled else ()
         for index, axis in joint.translations:
             if index in steps:
                 a = add(a, unit(axis, released(index, a, d)))
-        together = self.coupled[k].accelerations(a, d) if last else {}
+        together = self.coupled[k].moved(free, a, d) if k in self.coupled else {}
+        known = drifts[0]
         for index, axis in joint.translations:
             a = add(a, unit(axis, together.get(index, 0.0)))
-        for index, value in together.items():
-            self.accelerations[index] = value
-        a = add(a, self._known(k))
-        for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
-            back = transpose(turn.matrix)
+            known = add(known, unit(axis, given.get(index, 0.0)))
+        a = add(a, known)
+        for turn, drift in zip(joint.rotations, drifts[1], strict=False):
+            back, index = transpose(turn.matrix), turn.index
             a, d = matvec(back, a), matvec(back, d)
-            is_prescribed = turn.index in self.prescribed
-            value = self.drives[turn.index] if is_prescribed else released(turn.index, a, d)
-            d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
+            value = released(index, a, d) if index in steps else together.get(index, given.get(index, 0.0))
+            d = add(add(d, drift), unit(turn.axis, value))
+        for index, value in together.items():
+            accelerations[index] = value
         return a, d
+
+    def release_modes(self, found: Mapping[int, Scalar], accelerations: list[Scalar], following: list[Scalar]) -> None:
+        """Write accelerations of a body's modes, and add to those of what follows them."""
+        for index, value in found.items():
+            accelerations[index] = value
+        for follower, share in self.shares.items():
+            for index, ratio in share.items():
+                if index in found:
+                    following[follower] = following[follower] + ratio * found[index]

@@ -23,7 +23,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import COORDINATES
 
 from ..tree.bound import Bound
-from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.frozen_joints import PosedTree, unit
 from ..tree.recursion import Acceleration, Wrench, acceleration
 from ..tree.spatial import (
     ZERO,
@@ -107,9 +107,7 @@ class FreeBodies:
 
     def __init__(
         self,
-        model: Model,
-        bound: Bound,
-        joints: Sequence[JointGeometry],
+        tree: PosedTree,
         v: Sequence[Scalar],
         drives: Sequence[Scalar],
         *,
@@ -122,10 +120,11 @@ class FreeBodies:
             alone: take those alone that no armature couples to others.
             coupled: indices of coordinates that slopes couple, whose bodies are none.
         """
-        self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
+        self.model, self.bound, self.joints, self.v, self.drives = tree.model, tree.bound, tree.joints, v, drives
+        model = tree.model
         self.accelerations: list[Scalar] = [0.0] * model.size
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * model.size
-        self.free = bodies_apart(model, bound, alone=alone, coupled=coupled)
+        self.free = bodies_apart(model, tree.bound, alone=alone, coupled=coupled)
         self.solved: dict[int, _Solved] = {}
         self.torques: list[list[_Psi]] = [[] for _ in model.bodies]
         self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached

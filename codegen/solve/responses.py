@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 
 from eomgen.robot.model import FIXED_BODY
 
-from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import NO_WRENCH, Wrench, through_joint_back
-from ..tree.spatial import ZERO, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose, vec3
+from ..tree.spatial import ZERO, Scalar, Vec, add, add_row, along, is_zero, matvec, scale, transpose, vec3
 from .coupled import Coupled
 from .elimination import Elimination
 from .factorised import Factors
@@ -175,78 +175,26 @@ class EliminatedTree(Tree):
         return entries
 
     def changes(self, more: Mapping[int, Scalar]) -> list[Scalar]:
-        accelerations: list[Scalar] = [0.0] * self.model.size
+        tree, accelerations = self.tree, [0.0] * self.model.size
         bodies: list[tuple[Vec, Vec]] = []
         for k, body in enumerate(self.model.bodies):
-            parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
-            bodies.append(self._released(k, parent, more, accelerations))
-            if k in self.tree.modes:
-                self._release_modes(self.tree.modes[k].released(*bodies[k], more), accelerations)
+            front = tree.front(k, *((ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]))
+            if tree.free[k]:
+                first = body.first
+                specific, rate = (vec3(more.get(i, 0.0) for i in range(at, at + 3)) for at in (first, first + 3))
+                bodies.append((tree.bodies.released(k, specific, rate, front, accelerations), rate))
+            else:
+                followers = {i: accelerations[i] for i in body.indices if i in tree.shares}
+                bodies.append(tree.release(k, front, more, followers, accelerations))
+            if k in tree.modes:
+                tree.release_modes(tree.modes[k].released(*bodies[k], more), accelerations, accelerations)
         self.rotors.released(more, accelerations)
         return self.states.released(accelerations)
-
-    def _release_modes(self, found: Mapping[int, Scalar], accelerations: list[Scalar]) -> None:
-        """Write accelerations of a body's modes, and add them to what follows them."""
-        for index, value in found.items():
-            accelerations[index] = value
-        for follower, share in self.tree.shares.items():
-            for index, ratio in share.items():
-                if index in found:
-                    accelerations[follower] = accelerations[follower] + ratio * found[index]
-
-    def _released(
-        self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], accelerations: list[Scalar]
-    ) -> tuple[Vec, Vec]:
-        """Write accelerations of a joint; return that of the body's origin and w_dot, in body axes."""
-        tree, joint = self.tree, self.tree.joints[k]
-        back = transpose(joint.turn)
-        a, d = matvec(back, add(parent[0], cross(parent[1], joint.offset))), matvec(back, parent[1])
-        if tree.free[k]:
-            x, y, z = (more.get(index, 0.0) for index, _ in joint.translations)
-            alpha, beta, gamma = (more.get(turn.index, 0.0) for turn in joint.rotations)
-            rate = (alpha, beta, gamma)
-            return tree.bodies.released(k, (x, y, z), rate, (a, d), accelerations), rate
-        steps = {step.index: step for step in tree.steps[k]}
-
-        def released(index: int) -> Scalar:
-            step = steps[index]
-            accelerations[index] = more.get(index, 0.0) - (dot(step.gain.force, a) + dot(step.gain.moment, d))
-            return accelerations[index]
-
-        if k in tree.blocks:
-            block, first = tree.blocks[k], joint.translations[0][0]
-            x, y, z = (more.get(first + i, 0.0) for i in range(3))
-            moved = add((x, y, z), scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
-            accelerations[first : first + 3] = moved
-            a = add(a, moved)
-        else:
-            for index, axis in joint.translations:
-                if index in steps:
-                    a = add(a, unit(axis, released(index)))
-                elif index in tree.shares:
-                    a = add(a, unit(axis, accelerations[index]))
-        together: dict[int, Scalar] = {}
-        if k in tree.coupled:
-            together = tree.coupled[k].moved(more, a, d)
-            for index, axis in joint.translations:
-                a = add(a, unit(axis, together.get(index, 0.0)))
-        for turn in joint.rotations:
-            turned = transpose(turn.matrix)
-            a, d = matvec(turned, a), matvec(turned, d)
-            if turn.index in steps:
-                d = add(d, unit(turn.axis, released(turn.index)))
-            elif turn.index in tree.shares:
-                d = add(d, unit(turn.axis, accelerations[turn.index]))
-            d = add(d, unit(turn.axis, together.get(turn.index, 0.0)))
-        for index, value in together.items():
-            accelerations[index] = value
-        return a, d
 
 
 def total(responses: Sequence[Response], multipliers: Sequence[Scalar]) -> Sparse:
     """Sum responses: what all leave at the pivots together, divided."""
     sums: Sparse = {}
     for response, multiplier in zip(responses, multipliers, strict=True):
-        for index, free in response.free.items():
-            sums[index] = sums.get(index, 0.0) + multiplier * free
+        add_row(sums, multiplier, response.free)
     return sums

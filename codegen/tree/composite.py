@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.geometry import IDENTITY
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
-from .bound import Bound
-from .frozen_joints import JointGeometry, Rotation, unit
+from .frozen_joints import JointGeometry, PosedTree, Rotation, unit
 from .modal import Bent
-from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
+from .recursion import Velocity, Wrench, rotational_inertia, through_joint_back, velocities
 from .spatial import (
     ZERO,
     Mat,
@@ -40,46 +39,39 @@ from .spatial import (
 Rows = dict[tuple[int, int], Scalar]
 
 
-def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Note = no_note) -> Rows:
+def mass_matrix(tree: PosedTree) -> Rows:
     """Compute M: entries (i, j) with i <= j; an absent pair is identically zero."""
     rows: Rows = {}
-    composite = [body.inertia for body in bound.bodies]
-    whole = _whole_rotations(model, joints)
-    for k in range(len(model.bodies) - 1, -1, -1):
-        note(f"{model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
-        bent = bound.bodies[k].bent
+    composite = [body.inertia for body in tree.bound.bodies]
+    whole = _whole_rotations(tree)
+    for k in range(len(tree.model.bodies) - 1, -1, -1):
+        tree.note(f"{tree.model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
+        bent = tree.bound.bodies[k].bent
         if bent is not None:
-            _read_modes(model, joints, whole, k, bent, rows)
-        columns, at_joint = _columns(composite[k], joints[k])
+            _read_modes(tree, whole, k, bent, rows)
+        columns, at_joint = _columns(composite[k], tree.joints[k])
         for index, wrench in columns:
-            _read_column(model, joints, whole, k, index, wrench, rows)
-        if len(joints[k].translations) > 1:
-            _read_translations(model, joints, k, at_joint, rows)
-        parent = model.bodies[k].parent
+            _read_column(tree, whole, k, index, wrench, rows)
+        if len(tree.joints[k].translations) > 1:
+            _read_translations(tree, k, at_joint, rows)
+        parent = tree.model.bodies[k].parent
         if parent != FIXED_BODY:
-            composite[parent] = composite[parent] + to_parent(at_joint, joints[k])
-    for index, c in enumerate(bound.armature):
+            composite[parent] = composite[parent] + to_parent(at_joint, tree.joints[k])
+    for index, c in enumerate(tree.bound.armature):
         rows[index, index] = rows.get((index, index), 0.0) + c
     return rows
 
 
-def _read_modes(
-    model: Model,
-    joints: Sequence[JointGeometry],
-    whole: Mapping[int, Mat],
-    k: int,
-    bent: Bent,
-    rows: Rows,
-) -> None:
+def _read_modes(tree: PosedTree, whole: Mapping[int, Mat], k: int, bent: Bent, rows: Rows) -> None:
     """Read columns of a body's modes: what their unit accelerations need of its joint and of those in front of it."""
     for i, j, mass in bent.masses():
         rows[i, j] = mass
     for index, G in zip(bent.indices, bent.G, strict=True):
-        read: list[Scalar] = [None] * model.size
+        read: list[Scalar] = [None] * tree.model.size
         wrench, body = Wrench(G.row, G.about()), k
         while body != FIXED_BODY:
-            wrench = through_joint_back(wrench, joints[body], read, whole.get(body) if body != k else None)
-            body = model.bodies[body].parent
+            wrench = through_joint_back(wrench, tree.joints[body], read, whole.get(body) if body != k else None)
+            body = tree.model.bodies[body].parent
         rows.update({(row, index): value for row, value in enumerate(read) if value is not None})
 
 
@@ -104,57 +96,49 @@ def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wr
     return columns, H
 
 
-def _read_column(
-    model: Model,
-    joints: Sequence[JointGeometry],
-    whole: Mapping[int, Mat],
-    k: int,
-    index: int,
-    wrench: Wrench,
-    rows: Rows,
-) -> None:
+def _read_column(tree: PosedTree, whole: Mapping[int, Mat], k: int, index: int, wrench: Wrench, rows: Rows) -> None:
     """Read the entries of one column: in its joint from where it stands, then towards the base."""
-    read: list[Scalar] = [None] * model.size
-    wrench = through_joint_back(wrench, front(joints[k], index), read)
-    parent = model.bodies[k].parent
+    read: list[Scalar] = [None] * tree.model.size
+    wrench = through_joint_back(wrench, front(tree.joints[k], index), read)
+    parent = tree.model.bodies[k].parent
     while parent != FIXED_BODY:
-        wrench = through_joint_back(wrench, joints[parent], read, whole.get(parent))
-        parent = model.bodies[parent].parent
+        wrench = through_joint_back(wrench, tree.joints[parent], read, whole.get(parent))
+        parent = tree.model.bodies[parent].parent
     for row, value in enumerate(read):
         if value is not None and (row <= index):
             rows[row, index] = value
 
 
-def _read_translations(model: Model, joints: Sequence[JointGeometry], k: int, H: PseudoInertia, rows: Rows) -> None:
+def _read_translations(tree: PosedTree, k: int, H: PseudoInertia, rows: Rows) -> None:
     """Read columns of a joint's translations: force m e, moment mc x e; e and mc alone move through the joints.
 
     H is that in the joint's axes.
     """
-    axes = [(index, unit(axis)) for index, axis in joints[k].translations]
+    axes = [(index, unit(axis)) for index, axis in tree.joints[k].translations]
     first, body = H.first, k
     for index, e in axes:
-        rows.update({(row, index): H.mass * e[axis] for row, axis in joints[k].translations if row <= index})
-    while axes and model.bodies[body].parent != FIXED_BODY:
-        turn, offset, body = joints[body].turn, joints[body].offset, model.bodies[body].parent
+        rows.update({(row, index): H.mass * e[axis] for row, axis in tree.joints[k].translations if row <= index})
+    while axes and tree.model.bodies[body].parent != FIXED_BODY:
+        turn, offset, body = tree.joints[body].turn, tree.joints[body].offset, tree.model.bodies[body].parent
         axes = [(index, matvec(turn, e)) for index, e in axes]
         first = add(matvec(turn, first), scale(H.mass, offset))
-        for step in reversed(joints[body].rotations):
+        for step in reversed(tree.joints[body].rotations):
             rows.update({(step.index, index): cross(first, e)[step.axis] for index, e in axes})
             axes = [(index, matvec(step.matrix, e)) for index, e in axes]
             first = matvec(step.matrix, first)
         for index, e in axes:
-            rows.update({(row, index): H.mass * e[axis] for row, axis in joints[body].translations})
+            rows.update({(row, index): H.mass * e[axis] for row, axis in tree.joints[body].translations})
 
 
-def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int, Mat]:
+def _whole_rotations(tree: PosedTree) -> dict[int, Mat]:
     """Multiply a joint's three rotations, where enough columns pass to make it worth its 14 products."""
-    behind = [0] * len(joints)
-    for k in range(len(joints) - 1, -1, -1):
-        parent = model.bodies[k].parent
+    behind = [0] * len(tree.joints)
+    for k in range(len(tree.joints) - 1, -1, -1):
+        parent = tree.model.bodies[k].parent
         if parent != FIXED_BODY:
-            behind[parent] += behind[k] + len(joints[k].rotations)
+            behind[parent] += behind[k] + len(tree.joints[k].rotations)
     product: dict[int, Mat] = {}
-    for k, joint in enumerate(joints):
+    for k, joint in enumerate(tree.joints):
         if len(joint.rotations) == 3 and behind[k] > 5:
             one, two, three = (turn.matrix for turn in joint.rotations)
             product[k] = matmul(matmul(one, two), three)
@@ -271,27 +255,21 @@ class _Coordinate:
     couple: Vec
 
 
-def coriolis_matrix(
-    model: Model,
-    bound: Bound,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    note: Note = no_note,
-) -> Rows:
+def coriolis_matrix(tree: PosedTree, v: Sequence[Scalar]) -> Rows:
     """Compute C: entries (i, j); an absent pair is identically zero."""
     entries: Rows = {}
-    speed = velocities(model, joints, v)
-    composite = [body.inertia for body in bound.bodies]
+    speed = velocities(tree, v)
+    composite = [body.inertia for body in tree.bound.bodies]
     momenta = [momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
-    for k in range(len(model.bodies) - 1, -1, -1):
-        note(f"{model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
-        contributions, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
+    for k in range(len(tree.model.bodies) - 1, -1, -1):
+        tree.note(f"{tree.model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
+        contributions, H, G = _contributions(composite[k], momenta[k], tree.joints[k], speed[k][0])
         for index, contribution in contributions:
-            _read_coordinate(model, joints, speed, k, index, contribution, entries)
-        parent = model.bodies[k].parent
+            _read_coordinate(tree, speed, k, index, contribution, entries)
+        parent = tree.model.bodies[k].parent
         if parent != FIXED_BODY:
-            composite[parent] = composite[parent] + to_parent(H, joints[k])
-            momenta[parent] = momenta[parent] + momentum_to_parent(G, joints[k])
+            composite[parent] = composite[parent] + to_parent(H, tree.joints[k])
+            momenta[parent] = momenta[parent] + momentum_to_parent(G, tree.joints[k])
     return entries
 
 
@@ -319,8 +297,7 @@ def _contributions(
 
 
 def _read_coordinate(
-    model: Model,
-    joints: Sequence[JointGeometry],
+    tree: PosedTree,
     speed: Sequence[tuple[tuple[Velocity, ...], Velocity]],
     k: int,
     index: int,
@@ -328,9 +305,9 @@ def _read_coordinate(
     entries: Rows,
 ) -> None:
     """Read column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
-    read, ignored = ([None] * model.size for _ in range(2))
+    read, ignored = ([None] * tree.model.size for _ in range(2))
     column, row, couple = contribution.column, contribution.row, contribution.couple
-    joint, body = front(joints[k], index), k
+    joint, body = front(tree.joints[k], index), k
     while True:
         couple, values = _read_against_rates(row, couple, joint, speed[body][0])
         for other, value in values.items():
@@ -338,10 +315,10 @@ def _read_coordinate(
                 entries[index, other] = value
         column = through_joint_back(column, joint, read)
         row = through_joint_back(row, joint, ignored)
-        body = model.bodies[body].parent
+        body = tree.model.bodies[body].parent
         if body == FIXED_BODY:
             break
-        joint = joints[body]
+        joint = tree.joints[body]
     for other, value in enumerate(read):
         if value is not None and other <= index:
             entries[other, index] = value

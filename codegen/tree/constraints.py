@@ -15,8 +15,7 @@ from eomgen.robot.joint_types import Component, rigid_components
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import ANGULAR
 
-from .bound import Bound
-from .frozen_joints import JointGeometry
+from .frozen_joints import PosedTree
 from .kinematics import BASE_POSE, through_joint
 from .recursion import Wrench
 from .spatial import (
@@ -83,15 +82,15 @@ class Column:
 class Side:
     """One side of a loop: the cut frame's pose, and what its coordinates do to it, in the common body's axes."""
 
-    def __init__(self, model: Model, joints: Sequence[JointGeometry], top: int, cut: tuple[int, Pose]) -> None:
-        self.joints, (body, placed) = joints, cut
-        ancestors = list(model.ancestors(body))
+    def __init__(self, tree: PosedTree, top: int, cut: tuple[int, Pose]) -> None:
+        self.joints, (body, placed) = tree.joints, cut
+        ancestors = list(tree.model.ancestors(body))
         self.path = ancestors[: ancestors.index(top) if top != FIXED_BODY else None][::-1]
         self.poses: list[Pose] = []
         self.axes: dict[int, Vec] = {}
         pose = BASE_POSE
         for k in self.path:
-            pose, axes = through_joint(pose, joints[k])
+            pose, axes = through_joint(pose, self.joints[k])
             self.poses.append(pose)
             self.axes.update(axes)
         self.pose = pose @ placed
@@ -127,18 +126,16 @@ class Side:
 class FramePair:
     """Frames a and b on two bodies, and b as seen from a: ``distance`` and axes, in the common body's axes."""
 
-    def __init__(
-        self, model: Model, joints: Sequence[JointGeometry], ends: tuple[tuple[int, Pose], tuple[int, Pose]], where: str
-    ) -> None:
+    def __init__(self, tree: PosedTree, ends: tuple[tuple[int, Pose], tuple[int, Pose]], where: str) -> None:
         """Follow both frames from the last body that carries both.
 
         Args:
             ends: per frame its body, and its pose there.
             where: names them in messages: "loops.pin".
         """
-        self.where, self.source = where, model.robot.source or model.name
-        top = common_body(model, ends[0][0], ends[1][0])
-        self.a, self.b = (Side(model, joints, top, end) for end in ends)
+        self.where, self.source = where, tree.model.robot.source or tree.model.name
+        top = common_body(tree.model, ends[0][0], ends[1][0])
+        self.a, self.b = (Side(tree, top, end) for end in ends)
         self.distance = subtract(self.b.pose.origin, self.a.pose.origin)
         self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
 
@@ -176,12 +173,12 @@ class FramePair:
 class Closure(FramePair):
     """The two sides of a loop: the frames of its cut joint."""
 
-    def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int, sincos: Turn) -> None:
+    def __init__(self, tree: PosedTree, number: int, sincos: Turn) -> None:
         """Follow both sides of the loop of that number."""
-        self.number, self.name = number, model.robot.loops[number].name
-        super().__init__(model, joints, bound.cuts[number], f"loops.{self.name}")
-        self.parts: tuple[Component, ...] = rigid_components(model.robot.loops[number])
-        offset = bound.cut_offsets[number]
+        loop, offset = tree.model.robot.loops[number], tree.bound.cut_offsets[number]
+        self.number, self.name = number, loop.name
+        super().__init__(tree, tree.bound.cuts[number], f"loops.{self.name}")
+        self.parts: tuple[Component, ...] = rigid_components(loop)
         self.shift: Vec = (offset[0], offset[1], offset[2])
         self._compare_axes(offset[3:], sincos)
 
@@ -263,11 +260,11 @@ class Closure(FramePair):
         return total
 
 
-def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], sincos: Turn, note: Any) -> Iterator[Closure]:
+def closures(tree: PosedTree, sincos: Turn) -> Iterator[Closure]:
     """Follow the robot's loops, each with a comment in front of its values."""
-    for number, loop in enumerate(model.robot.loops):
-        note(f"{loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}")
-        yield Closure(model, bound, joints, number, sincos)
+    for number, loop in enumerate(tree.model.robot.loops):
+        tree.note(f"{loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}")
+        yield Closure(tree, number, sincos)
 
 
 def common_body(model: Model, a: int, b: int) -> int:

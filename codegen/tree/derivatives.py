@@ -21,19 +21,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
-from .bound import Bound
 from .composite import Momentum, Rows, front, momentum, momentum_to_parent, rotated, rotated_momentum, to_parent
-from .frozen_joints import JointGeometry, unit
+from .frozen_joints import JointGeometry, PosedTree, unit
 from .recursion import (
     Acceleration,
-    Note,
     Velocity,
     Wrench,
     acceleration,
     body_wrench,
-    no_note,
     rotational_inertia,
     through_joint_back,
 )
@@ -92,53 +89,35 @@ class Derivatives:
     by_a: Rows
 
 
-def residual_derivatives(
-    model: Model,
-    bound: Bound,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    a: Sequence[Scalar],
-    note: Note = no_note,
-) -> Derivatives:
+def residual_derivatives(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> Derivatives:
     """Differentiate the residual with linear springs and dampers of coordinates and armatures, by q, v and a."""
     dr = Derivatives({}, {}, {})
-    moving = _outwards(model, joints, v, a, scale(-1.0, bound.gravity), note)
-    composites = [
-        Composite(body.inertia, momentum(body.inertia, _doubled(m.W)), body_wrench(m.K, body.inertia))
-        for body, m in zip(bound.bodies, moving, strict=True)
-    ]
-    for k in range(len(joints) - 1, -1, -1):
-        note(f"{model.bodies[k].joint}: rows and columns of the derivatives of eq. (5)")
-        readings, at_joint = _readings(composites[k], joints[k], moving[k])
+    moving = _outwards(tree, v, a, scale(-1.0, tree.bound.gravity))
+    composites = []
+    for body, m in zip(tree.bound.bodies, moving, strict=True):
+        twice = Velocity(scale(2.0, m.W.rate), scale(2.0, m.W.origin))
+        composites.append(Composite(body.inertia, momentum(body.inertia, twice), body_wrench(m.K, body.inertia)))
+    for k in range(len(tree.joints) - 1, -1, -1):
+        tree.note(f"{tree.model.bodies[k].joint}: rows and columns of the derivatives of eq. (5)")
+        readings, at_joint = _readings(composites[k], tree.joints[k], moving[k])
         for index, reading in readings:
-            _read(model, joints, moving, k, index, reading, dr)
-        parent = model.bodies[k].parent
+            _read(tree, moving, k, index, reading, dr)
+        parent = tree.model.bodies[k].parent
         if parent != FIXED_BODY:
-            composites[parent] = composites[parent] + _behind(at_joint, joints[k])
-    for i in range(model.size):
-        law = bound.laws[i]
-        for rows, value in ((dr.by_q, law.stiffness), (dr.by_v, law.damping), (dr.by_a, bound.armature[i])):
+            composites[parent] = composites[parent] + _behind(at_joint, tree.joints[k])
+    for i in range(tree.model.size):
+        law = tree.bound.laws[i]
+        for rows, value in ((dr.by_q, law.stiffness), (dr.by_v, law.damping), (dr.by_a, tree.bound.armature[i])):
             rows[i, i] = rows.get((i, i), 0.0) + value
     return dr
 
 
-def _doubled(W: Velocity) -> Velocity:
-    return Velocity(scale(2.0, W.rate), scale(2.0, W.origin))
-
-
-def _outwards(
-    model: Model,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    a: Sequence[Scalar],
-    base: Vec,
-    note: Note,
-) -> list[_Moving]:
+def _outwards(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar], base: Vec) -> list[_Moving]:
     """Compute W and K of every body, and the tangents on the way, from the base to the tips."""
     still = _Moving(Velocity(ZERO, ZERO), acceleration(ZERO, ZERO, base), (), ())
     bodies: list[_Moving] = []
-    for body, joint in zip(model.bodies, joints, strict=True):
-        note(f"{body.name}: velocity, acceleration, and what they are to the tangents of {body.joint}")
+    for body, joint in zip(tree.model.bodies, tree.joints, strict=True):
+        tree.note(f"{body.name}: velocity, acceleration, and what they are to the tangents of {body.joint}")
         parent = still if body.parent == FIXED_BODY else bodies[body.parent]
         bodies.append(_through(parent, joint, v, a))
     return bodies
@@ -211,28 +190,20 @@ def _behind(here: Composite, joint: JointGeometry) -> Composite:
     return Composite(to_parent(here.H, joint), momentum_to_parent(here.G, joint), P)
 
 
-def _read(
-    model: Model,
-    joints: Sequence[JointGeometry],
-    moving: Sequence[_Moving],
-    k: int,
-    index: int,
-    reading: _Reading,
-    dr: Derivatives,
-) -> None:
+def _read(tree: PosedTree, moving: Sequence[_Moving], k: int, index: int, reading: _Reading, dr: Derivatives) -> None:
     """Read column ``index`` at and above it, and row ``index`` above it, from joint k to the base."""
-    masses: list[Scalar] = [None] * model.size
+    masses: list[Scalar] = [None] * tree.model.size
     by_q, by_v = list(masses), list(masses)
     row, couple, at_q, at_v = reading.row, reading.couple, reading.by_q, reading.by_v
-    joint, body = front(joints[k], index), k
+    joint, body = front(tree.joints[k], index), k
     while True:
         couple = _read_row(row, couple, joint, moving[body], index, dr)
         row = through_joint_back(row, joint, masses)
         at_q, at_v = through_joint_back(at_q, joint, by_q), through_joint_back(at_v, joint, by_v)
-        body = model.bodies[body].parent
+        body = tree.model.bodies[body].parent
         if body == FIXED_BODY:
             break
-        joint = joints[body]
+        joint = tree.joints[body]
     for rows, read in ((dr.by_q, by_q), (dr.by_v, by_v), (dr.by_a, masses)):
         for other, value in enumerate(read):
             if value is not None and other <= index:

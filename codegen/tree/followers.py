@@ -16,7 +16,7 @@ from eomgen.robot.value.sliding import chebyshev, combined, derivative
 
 from .bound import Bound
 from .composite import Rows
-from .spatial import Scalar, is_zero
+from .spatial import Scalar, add_row, is_zero
 
 Shares = dict[int, Scalar]  # of a follower by its leaders' indices
 
@@ -47,8 +47,7 @@ class Followers:
                 if other == index:
                     continue
                 ratio = -1.0 * arm
-                for leader, behind in self.shares.get(other, {other: 1.0}).items():
-                    share[leader] = share.get(leader, 0.0) + ratio * behind
+                add_row(share, ratio, self.shares.get(other, {other: 1.0}))
                 offset = offset + ratio * self.offsets.get(other, 0.0)
             self.shares[index] = {leader: value for leader, value in share.items() if not is_zero(value)}
             self.offsets[index] = offset
@@ -136,8 +135,8 @@ class Followers:
         """Map a row of J, by all coordinates, to those that follow no others: J S, by index."""
         row: dict[int, Scalar] = {index: arm for index, arm in full_row.items() if index not in self.shares}
         for index, share in self.shares.items():
-            for leader, ratio in share.items() if index in full_row else ():
-                row[leader] = row.get(leader, 0.0) + ratio * full_row[index]
+            if index in full_row:
+                add_row(row, full_row[index], share)
         return row
 
     def matrix(self, rows: Rows) -> Rows:
@@ -149,9 +148,7 @@ class Followers:
         for i, columns in by_row.items():
             row = self.row(columns)
             for leader, ratio in self.shares.get(i, {i: 1.0}).items():
-                into = mapped.setdefault(leader, {})
-                for j, value in row.items():
-                    into[j] = into.get(j, 0.0) + ratio * value
+                add_row(mapped.setdefault(leader, {}), ratio, row)
         return {(i, j): value for i, row in mapped.items() for j, value in row.items()}
 
     def symmetric(self, upper: Rows) -> Rows:

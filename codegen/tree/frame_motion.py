@@ -2,56 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
 from .bound import Bound
-from .frozen_joints import JointGeometry
+from .frozen_joints import PosedTree
 from .kinematics import body_poses
 from .recursion import Acceleration, accelerations, velocities
 from .spatial import ZERO, Pose, Scalar, Vec, add, cross, matvec, scale, transpose
 
 
-def frame_velocities(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> list[Scalar]:
+def frame_velocities(tree: PosedTree, v: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame the velocity of its origin, m/s, and its angular velocity, rad/s: six numbers, base frame."""
-    poses, _ = body_poses(model, joints)
-    bodies = [W for _, W in velocities(model, joints, v)]
-    values: list[Scalar] = []
-    for body, pose in (bound.frames[name] for name in model.frames):
-        if body == FIXED_BODY:
-            values.extend([0.0] * 6)
-            continue
-        R, W = poses[body].rotation, bodies[body]
-        values.extend(matvec(R, add(W.origin, cross(W.rate, pose.origin))))
-        values.extend(matvec(R, W.rate))
-    return values
+    poses, _ = body_poses(tree)
+    bodies = [W for _, W in velocities(tree, v)]
+    return _of_frames(tree, poses, lambda k, arm: (add(bodies[k].origin, cross(bodies[k].rate, arm)), bodies[k].rate))
 
 
-def frame_accelerations(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
-) -> list[Scalar]:
+def frame_accelerations(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame the acceleration of its origin, m/s^2, and its angular acceleration, rad/s^2: six numbers."""
-    poses, _ = body_poses(model, joints)
-    bodies = accelerations(model, replace(bound, gravity=ZERO), joints, v, a)
+    poses, _ = body_poses(tree)
+    bodies = accelerations(replace(tree, bound=replace(tree.bound, gravity=ZERO)), v, a)
+    return _of_frames(tree, poses, lambda k, arm: (add(bodies[k].origin, matvec(bodies[k].U, arm)), bodies[k].dot))
+
+
+def _of_frames(tree: PosedTree, poses: Sequence[Pose], moved: Callable[[int, Vec], tuple[Vec, Vec]]) -> list[Scalar]:
+    """Return two vectors per frame in the base's axes, of a body and a point on it in its axes; 0 where none moves."""
     values: list[Scalar] = []
-    for body, pose in (bound.frames[name] for name in model.frames):
+    for body, pose in (tree.bound.frames[name] for name in tree.model.frames):
         if body == FIXED_BODY:
-            values.extend([0.0] * 6)
-            continue
-        R, K = poses[body].rotation, bodies[body]
-        values.extend(matvec(R, add(K.origin, matvec(K.U, pose.origin))))
-        values.extend(matvec(R, K.dot))
+            values += [0.0] * 6
+        else:
+            values += [x for vector in moved(body, pose.origin) for x in matvec(poses[body].rotation, vector)]
     return values
 
 
-def imu(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
-) -> list[Scalar]:
+def imu(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[Scalar]:
     """Return per frame what an IMU there reads, in the frame's axes: specific force, m/s^2, and angular rate, rad/s."""
-    bodies = accelerations(model, bound, joints, v, a)
-    return [x for name in model.frames for vector in imu_at(bound, bodies, *bound.frames[name]) for x in vector]
+    bodies = accelerations(tree, v, a)
+    frames = (tree.bound.frames[name] for name in tree.model.frames)
+    return [x for frame in frames for vector in imu_at(tree.bound, bodies, *frame) for x in vector]
 
 
 def imu_at(bound: Bound, bodies: Sequence[Acceleration], body: int, pose: Pose) -> tuple[Vec, Vec]:

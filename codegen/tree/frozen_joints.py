@@ -50,6 +50,23 @@ class JointGeometry:
         return reduce(lambda y, turn: matvec(turn.matrix, y), reversed(self.rotations), x)
 
 
+Note = Callable[[str], None]
+
+
+def no_note(_: str) -> None:
+    """Discard comments."""
+
+
+@dataclass(frozen=True)
+class PosedTree:
+    """A tree where q is: its model, numbers and joints; ``note`` puts a comment in front of the next value."""
+
+    model: Model
+    bound: Bound
+    joints: Sequence[JointGeometry]
+    note: Note = no_note
+
+
 def unit(axis: int, length: Scalar = 1.0) -> Vec:
     """Return a vector along an axis."""
     return vec3(length if i == axis else 0.0 for i in range(3))

@@ -9,13 +9,12 @@ expressions alike.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY
 
-from .bound import Bound
-from .frozen_joints import JointGeometry, unit
+from .frozen_joints import JointGeometry, PosedTree, unit
 from .modal import modal_energy, modal_rows, modal_wrench
 from .spatial import (
     ZERO,
@@ -33,12 +32,6 @@ from .spatial import (
     transpose,
     vec3,
 )
-
-Note = Callable[[str], None]
-
-
-def no_note(_: str) -> None:
-    """Discard comments."""
 
 
 @dataclass(frozen=True)
@@ -133,13 +126,11 @@ def _through_turn(
     return replace(moving, U=mat3(U))
 
 
-def accelerations(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar]
-) -> list[Acceleration]:
+def accelerations(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[Acceleration]:
     """Compute K of every body, with gravity as an acceleration of the base."""
-    still = acceleration(ZERO, ZERO, scale(-1.0, bound.gravity))
+    still = acceleration(ZERO, ZERO, scale(-1.0, tree.bound.gravity))
     moving: list[Acceleration] = []
-    for body, joint in zip(model.bodies, joints, strict=True):
+    for body, joint in zip(tree.model.bodies, tree.joints, strict=True):
         moving.append(_through_joint(still if body.parent == FIXED_BODY else moving[body.parent], joint, v, a))
     return moving
 
@@ -156,9 +147,7 @@ def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
     return Wrench(force, add(cross(H.first, K.origin), turning))
 
 
-def collect(
-    model: Model, joints: Sequence[JointGeometry], wrenches: Sequence[Wrench], note: Note = no_note
-) -> tuple[list[Scalar], list[Wrench]]:
+def collect(tree: PosedTree, wrenches: Sequence[Wrench]) -> tuple[list[Scalar], list[Wrench]]:
     """Sum wrenches from the tips to the base: the trace against every tangent, each joint's whole wrench in body axes.
 
     Args:
@@ -168,19 +157,17 @@ def collect(
         n rows, and the sum of wrenches of each body and of all that hangs on it.
     """
     total = list(wrenches)
-    rows: list[Scalar] = [0.0] * model.size
-    for k in range(len(model.bodies) - 1, -1, -1):
-        _collect_body(model, joints, k, total, rows, note)
+    rows: list[Scalar] = [0.0] * tree.model.size
+    for k in range(len(tree.model.bodies) - 1, -1, -1):
+        _collect_body(tree, k, total, rows)
     return rows, total
 
 
-def _collect_body(
-    model: Model, joints: Sequence[JointGeometry], k: int, total: list[Wrench], rows: list[Scalar], note: Note
-) -> None:
+def _collect_body(tree: PosedTree, k: int, total: list[Wrench], rows: list[Scalar]) -> None:
     """Collect rows of one joint, where all that hangs on its body is in ``total`` already; the parent's share."""
-    note(f"{model.bodies[k].joint}: traces against its tangents, eq. (5)")
-    at_parent = through_joint_back(total[k], joints[k], rows)
-    parent = model.bodies[k].parent
+    tree.note(f"{tree.model.bodies[k].joint}: traces against its tangents, eq. (5)")
+    at_parent = through_joint_back(total[k], tree.joints[k], rows)
+    parent = tree.model.bodies[k].parent
     if parent != FIXED_BODY:
         total[parent] = total[parent] + at_parent
 
@@ -203,13 +190,7 @@ def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar],
 
 
 def inertial_rows(
-    model: Model,
-    bound: Bound,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    a: Sequence[Scalar],
-    gravity: Vec,
-    note: Note = no_note,
+    tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar], gravity: Vec
 ) -> tuple[list[Scalar], list[Wrench]]:
     """Compute eq. (5)'s left side less gravity's generalized force, per coordinate, and the joints' wrenches.
 
@@ -219,27 +200,27 @@ def inertial_rows(
     still = acceleration(ZERO, ZERO, scale(-1.0, gravity))
     moving: list[Acceleration] = []
     total: list[Wrench] = []
-    rows: list[Scalar] = [0.0] * model.size
+    rows: list[Scalar] = [0.0] * tree.model.size
     path: list[int] = []
 
     def back_to(parent: int) -> None:
         while path and path[-1] != parent:
-            _collect_body(model, joints, path.pop(), total, rows, note)
+            _collect_body(tree, path.pop(), total, rows)
 
-    for k, body in enumerate(model.bodies):
+    for k, body in enumerate(tree.model.bodies):
         back_to(body.parent)
-        note(f"{body.name}: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H")
-        K = _through_joint(still if body.parent == FIXED_BODY else moving[body.parent], joints[k], v, a)
+        tree.note(f"{body.name}: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H")
+        K = _through_joint(still if body.parent == FIXED_BODY else moving[body.parent], tree.joints[k], v, a)
         moving.append(K)
-        total.append(body_wrench(K, bound.bodies[k].inertia))
-        bent = bound.bodies[k].bent
+        total.append(body_wrench(K, tree.bound.bodies[k].inertia))
+        bent = tree.bound.bodies[k].bent
         if bent is not None:
             total[k] = total[k] + Wrench(*modal_wrench(bent, K.rate, v, a))
             for index, row in modal_rows(bent, K.rate, K.U, K.origin, v, a).items():
                 rows[index] = row
         path.append(k)
     back_to(FIXED_BODY)
-    return [row + c * acc for row, c, acc in zip(rows, bound.armature, a, strict=True)], total
+    return [row + c * acc for row, c, acc in zip(rows, tree.bound.armature, a, strict=True)], total
 
 
 @dataclass(frozen=True)
@@ -253,12 +234,10 @@ class Velocity:
 STILL = Velocity(ZERO, ZERO)
 
 
-def velocities(
-    model: Model, joints: Sequence[JointGeometry], v: Sequence[Scalar]
-) -> list[tuple[tuple[Velocity, ...], Velocity]]:
+def velocities(tree: PosedTree, v: Sequence[Scalar]) -> list[tuple[tuple[Velocity, ...], Velocity]]:
     """Compute angular velocities of each body: W, and W in front of every rotation of its joint, translations too."""
     bodies: list[tuple[tuple[Velocity, ...], Velocity]] = []
-    for body, joint in zip(model.bodies, joints, strict=True):
+    for body, joint in zip(tree.model.bodies, tree.joints, strict=True):
         parent = STILL if body.parent == FIXED_BODY else bodies[body.parent][1]
         back = transpose(joint.turn)
         w, origin = matvec(back, parent.rate), matvec(back, add(parent.origin, cross(parent.rate, joint.offset)))
@@ -274,18 +253,18 @@ def velocities(
     return bodies
 
 
-def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> Scalar:
+def kinetic_energy(tree: PosedTree, v: Sequence[Scalar]) -> Scalar:
     """Compute eq. (4): E = 1/2 sum_k tr(W_k H_k W_k^T), with the armatures."""
     energy: Scalar = 0.0
-    for (_, W), body in zip(velocities(model, joints, v), bound.bodies, strict=True):
+    for (_, W), body in zip(velocities(tree, v), tree.bound.bodies, strict=True):
         H = body.inertia
         momentum = add(scale(H.mass, W.origin), cross(W.rate, H.first))
         spin = add(rotational_inertia(H, W.rate), cross(H.first, W.origin))
         energy = energy + 0.5 * (dot(momentum, W.origin) + dot(spin, W.rate))
         if body.bent is not None:
             energy = energy + modal_energy(body.bent, W.rate, W.origin, v)
-    n = len(model.coordinates)  # internal states are no motion
-    for c, rate in zip(bound.armature[:n], v[:n], strict=True):
+    n = len(tree.model.coordinates)  # internal states are no motion
+    for c, rate in zip(tree.bound.armature[:n], v[:n], strict=True):
         energy = energy + 0.5 * c * rate * rate
     return energy
 

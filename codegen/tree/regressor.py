@@ -18,10 +18,10 @@ from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.model import FIXED_BODY, Model, with_offset_angles
 from eomgen.robot.value import MOTOR
 
-from .bound import Bound, bind
+from .bound import bind
 from .composite import turned
-from .frozen_joints import JointGeometry, unit
-from .recursion import Acceleration, Note, accelerations, no_note
+from .frozen_joints import JointGeometry, PosedTree, unit
+from .recursion import Acceleration, accelerations
 from .spatial import ZERO, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
 
 INERTIAL = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # of a link, in the order of columns
@@ -64,14 +64,7 @@ def described_values(model: Model) -> list[float]:
     return [*values, *(bound.armature[whole.coordinates.index(name)] for name in armatures(model))]
 
 
-def inertial_columns(
-    model: Model,
-    bound: Bound,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    a: Sequence[Scalar],
-    note: Note = no_note,
-) -> list[dict[int, list[Scalar]]]:
+def inertial_columns(tree: PosedTree, v: Sequence[Scalar], a: Sequence[Scalar]) -> list[dict[int, list[Scalar]]]:
     """Return per body, by the index of every coordinate in front of it, the ten entries of that row of Y.
 
     Args:
@@ -79,10 +72,10 @@ def inertial_columns(
     """
     motions: list[Mapping[int, Motion]] = []
     columns: list[dict[int, list[Scalar]]] = []
-    for k, (body, K) in enumerate(zip(model.bodies, accelerations(model, bound, joints, v, a), strict=True)):
-        note(f"{body.name}: motions of its frame per unit rates, and columns of its inertial parameters")
-        motions.append(_through(joints[k], motions[body.parent] if body.parent != FIXED_BODY else {}))
-        axes = bound.frames[body.name][1].rotation
+    for k, (body, K) in enumerate(zip(tree.model.bodies, accelerations(tree, v, a), strict=True)):
+        tree.note(f"{body.name}: motions of its frame per unit rates, and columns of its inertial parameters")
+        motions.append(_through(tree.joints[k], motions[body.parent] if body.parent != FIXED_BODY else {}))
+        axes = tree.bound.frames[body.name][1].rotation
         wrenches = _LinkWrenches(K, axes)
         columns.append({index: wrenches.along(motion) for index, motion in motions[k].items()})
     return columns

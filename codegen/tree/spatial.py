@@ -151,6 +151,12 @@ def along(row: Mapping[int, Scalar], x: Sequence[Scalar] | Mapping[int, Scalar])
     return total
 
 
+def add_row(row: dict[int, Scalar], factor: Scalar, other: Mapping[int, Scalar]) -> None:
+    """Add a sparse row times a factor to another one."""
+    for index, arm in other.items():
+        row[index] = row.get(index, 0.0) + factor * arm
+
+
 def cross(a: Vec, b: Vec) -> Vec:
     """Return a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

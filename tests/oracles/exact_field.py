@@ -26,7 +26,7 @@ from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.derivatives import whole
 from eomgen.codegen.kernels.signatures import knows_turns
 from eomgen.codegen.kernels.writers import VARIANTS, WRITERS
-from eomgen.codegen.program import forward_mode, passes, reverse_mode, second_order, taylor
+from eomgen.codegen.program import forward_mode, passes, reverse_mode, taylor
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
 from eomgen.codegen.tree import bound as bound_module
 from eomgen.codegen.tree.bound import Bound
@@ -376,7 +376,7 @@ def _derivations(graph: type[Graph], orthogonal: Orthogonal) -> Iterator[None]:
             return bound_module.bind(model, named, sincos)
 
     with ExitStack() as patched:
-        for module in (derivation_module, passes, whole, forward_mode, reverse_mode, second_order, taylor):
+        for module in (derivation_module, passes, whole, forward_mode, reverse_mode, taylor):
             patched.enter_context(mock.patch.object(module, "Graph", graph))
         patched.enter_context(mock.patch.object(derivation_module, "bind", bind))
         patched.enter_context(mock.patch.object(derivation_module, "choose_frames", lambda model, bound: bound))

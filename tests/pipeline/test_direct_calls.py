@@ -12,8 +12,9 @@ import pytest
 
 import eomgen
 from eomgen.codegen.package import extension
-from eomgen.codegen.package.compile import Compiler, find_compiler
+from eomgen.codegen.package.compile import find_compiler
 from eomgen.codegen.package.extension import FILE, HEADERS
+from eomgen.codegen.package.running import Compiler
 from eomgen.pipeline import cache, direct_calls
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.library_objects import LibraryObjects

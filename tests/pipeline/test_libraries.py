@@ -15,7 +15,7 @@ import pytest
 import eomgen
 from eomgen.codegen.c.library import LINKED
 from eomgen.codegen.kernels.signatures import BATCHES, SINGLES, library_objects
-from eomgen.codegen.package.compile import Compiler, compile_flags, find_compiler, write_package
+from eomgen.codegen.package.compile import compile_flags, find_compiler, write_package
 from eomgen.codegen.package.library import (
     OBJECT,
     PARTS,
@@ -24,6 +24,7 @@ from eomgen.codegen.package.library import (
     library_key,
     write_library,
 )
+from eomgen.codegen.package.running import Compiler
 from eomgen.errors import BuildError, InputError, SingularError
 from eomgen.pipeline import cache, on_demand
 from eomgen.pipeline.building import load_kernel

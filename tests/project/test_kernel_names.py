@@ -17,8 +17,6 @@ KNOWN = {  # modules that have names, and why
     "codegen/kernels/": "the table and the writers",
     "codegen/c/contexts.py": "what templates of composed kernels are rendered with",
     "codegen/closed_form/trace.py": "equations of M and C as traces",
-    "codegen/forces/cuts.py": "writer of the kernels of cut joints",
-    "codegen/forces/springs.py": "writer of the kernels of springs",
     "codegen/joint/zero_listing.py": "zeros of M and C",
     "codegen/joint/zeros.py": "zeros of M and C",
     "src/eomgen/bench/textbook.py": "the textbook's algorithms for the same quantities, in C",

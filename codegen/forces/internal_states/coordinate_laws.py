@@ -8,25 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import ClassVar
-
-from eomgen.robot.parameter_names import JOINTS
 
 from ...tree.spatial import Scalar, along
-from ..element import ForceElement, ImplicitShare, Slopes, SparseRow, StateSite
+from ..element import ForceRows, ImplicitShare, Slopes, SparseRow, StateSite
 from .formula import StateEffect
 from .formulas import StateLaw, state_laws
 
 
-class InternalStateLaws(ForceElement):
+class InternalStateLaws(ForceRows):
     """Laws with internal states of all coordinates and transmissions that have such."""
-
-    FAMILY: ClassVar[str] = JOINTS
-
-    @classmethod
-    def has(cls, family: str, owner: str) -> bool:
-        """Tell of no numbers: they are those of coordinates' laws and of transmissions."""
-        return False
 
     @cached_property
     def laws(self) -> list[tuple[StateSite, StateLaw]]:
@@ -41,10 +31,6 @@ class InternalStateLaws(ForceElement):
             for law in state_laws(model, bound, f"joints.{model.coordinates[motor]}", between.law.numbers):
                 laws.append((StateSite(row, law.states, motor=motor), law))
         return laws
-
-    def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
-        """Give forces along the deflections, and minus the rates of states times their inertias."""
-        yield from self._rows(self.at.q, v)
 
     def energies(self) -> Iterator[Scalar]:
         """Give what deviations store."""
@@ -71,11 +57,6 @@ class InternalStateLaws(ForceElement):
             for (row, column), g_z in by.g_z.items():
                 slopes.add((states[row], states[column]), 0.0, -1.0 * (by.inertias[row] * g_z))
 
-    def advance(self, share: ImplicitShare) -> None:
-        """Push forces, and what drives the states."""
-        for i, force in self._rows(share.q, share.v):
-            share.push(i, force)
-
     def add_diagonal(self, share: ImplicitShare) -> None:
         """Add slopes of forces and of states' rates of coordinates."""
         for at, effect in self._effects(share.q, share.v):
@@ -88,7 +69,8 @@ class InternalStateLaws(ForceElement):
             if at.motor is not None:
                 share.in_internal_states(at, effect.slopes)
 
-    def _rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+    def rows(self, q: Sequence[Scalar], v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
+        """Give forces along the deflections, and minus the rates of states times their inertias."""
         for at, effect in self._effects(q, v):
             yield from ((i, effect.force * arm) for i, arm in at.row.items())
             yield from effect.state_rows(at.states)

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from eomgen.robot.internal_states.drives import RESISTANCE, TORQUE_CONSTANT, has_winding
-from eomgen.robot.parameter_names import JOINTS
 
 from ...tree.composite import Rows
 from ...tree.spatial import Scalar
@@ -25,13 +24,7 @@ Places = tuple[int, tuple[int, ...]]  # indices of a coordinate and of the state
 class Drives(ForceElement):
     """Drives of all coordinates that have such a law."""
 
-    FAMILY: ClassVar[str] = JOINTS
     IS_DRIVE: ClassVar[bool] = True
-
-    @classmethod
-    def has(cls, family: str, owner: str) -> bool:
-        """Tell of no numbers: they are those of coordinates' laws."""
-        return False
 
     def resist(self, v: Sequence[Scalar]) -> Iterator[tuple[int, Scalar]]:
         """Give minus the forces on coordinates, and minus the rates of states times their inertias."""

@@ -43,7 +43,7 @@ def modal_christoffel(d: Derivation) -> Outputs:
 
 
 def _coriolis(d: Derivation) -> list[list[Scalar]]:
-    bias = inertial_rows(d.model, d.bound, d.joints, d.v, d.coasting, ZERO, d.graph.note)[0]
+    bias = inertial_rows(d.tree, d.v, d.coasting, ZERO)[0]
     gathered = d.followers.gather(bias)
     rows = _slopes(d, [gathered[i] for i in d.active], _active(d, d.v))
     return [[0.5 * x for x in row] for row in rows]

@@ -10,17 +10,15 @@ from eomgen.robot.model import Model
 from ...program.forward_mode import tangent
 from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
-from ...program.reverse_mode import adjoint
-from ...program.second_order import hessian
+from ...program.reverse_mode import adjoint, hessian
 from ...program.taylor import jet
 from ...solve.factorised import solve_operations
 from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
-MOST_OPERATIONS = (
-    12000  # of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
-)
+# Of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
+MOST_OPERATIONS = 12000
 
 
 def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:

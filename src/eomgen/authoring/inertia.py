@@ -52,7 +52,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     from ..codegen.tree.bound import bind
     from ..codegen.tree.composite import mass_matrix as entries
     from ..codegen.tree.followers import Followers
-    from ..codegen.tree.frozen_joints import geometry
+    from ..codegen.tree.frozen_joints import PosedTree, geometry
 
     whole, indices = with_offset_angles(model)
     at = dict(zip(model.coordinates, q.tolist(), strict=True))
@@ -61,7 +61,7 @@ def mass_matrix(model: Model, q: Array) -> Array:
     placed = followers.place([at.get(name, 0.0) for name in whole.coordinates])
     bound = bent(whole, bound, placed, followers)
     M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(indices)}
-    upper = entries(whole, bound, geometry(whole, bound, placed, _sincos))
+    upper = entries(PosedTree(whole, bound, geometry(whole, bound, placed, _sincos)))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():
         if i in places and j in places:
             row, column = places[i], places[j]

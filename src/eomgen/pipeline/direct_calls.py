@@ -18,7 +18,7 @@ from . import cache as store
 from .load import load_module
 
 if TYPE_CHECKING:
-    from ..codegen.package.compile import Compiler
+    from ..codegen.package.running import Compiler
 
 KIND = "extensions"
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from . import cache as store
 
 if TYPE_CHECKING:
-    from ..codegen.package.compile import Compiler, Linked
+    from ..codegen.package.compile import Linked
+    from ..codegen.package.running import Compiler
 
 KIND = "libraries"
 

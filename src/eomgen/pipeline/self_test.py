@@ -28,7 +28,7 @@ from .load import tried_module
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
-    from ..codegen.package.compile import Compiler
+    from ..codegen.package.running import Compiler
 
 Array = NDArray[Any]
 

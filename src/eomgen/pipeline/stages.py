@@ -38,7 +38,7 @@ from .options import Options
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
     from ..codegen.kernels.equations import Equations
-    from ..codegen.package.compile import Compiler
+    from ..codegen.package.running import Compiler
 
 _SOURCE, _EXPECTED = "source.json", "expected"  # files of an entry
 

@@ -21,6 +21,7 @@ from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.forces.laws import effect
 from eomgen.codegen.forces.scalar_functions import Functions
 from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.tree.bound import BoundLaw
 from eomgen.errors import ArrayError, EomgenWarning, InputError
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.integration.plan import choose_method
@@ -233,7 +234,8 @@ def test_a_load_below_the_limit_creeps(x: float, peak: dict[str, float]) -> None
     smoothing = min(SMOOTHING, SHARP * peak.get("stribeck", peak.get("gaussian", 1.0)))
     creep = smoothing * x / np.sqrt(1.0 - x**2)
     functions = Functions(lambda name, *args: getattr(np, name)(*args))
-    found = effect({**numbers, "friction.smoothing": smoothing}, (), 0.0, creep, functions).force
+    law = BoundLaw(0.0, 0.0, {**numbers, "friction.smoothing": smoothing})
+    found = effect(law, 0.0, creep, functions).force
     assert found == pytest.approx(x * peak.get("static", 3.0), rel=1e-6)
     assert 10.0 * SMOOTHING * 0.9 / np.sqrt(1.0 - 0.9**2) == pytest.approx(0.8e-6, rel=0.05)
 

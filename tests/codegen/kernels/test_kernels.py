@@ -17,7 +17,7 @@ from eomgen.codegen.kernels.accelerations import FACTORISED, SOLVERS
 from eomgen.codegen.program.ir import evaluate
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.composite import mass_matrix
-from eomgen.codegen.tree.frozen_joints import geometry
+from eomgen.codegen.tree.frozen_joints import PosedTree, geometry
 from eomgen.codegen.tree.recursion import inertial_rows
 from eomgen.errors import SingularError
 from eomgen.robot.geometry import ZERO
@@ -86,11 +86,11 @@ def recursion_on_floats(robot: Robot, q: Array, v: Array, a: Array) -> tuple[Arr
     """Inverse dynamics and M by the generator's recursions, run on plain floats: no graph, no C."""
     model = build_model(robot)
     bound = bind(model, lambda _, number: number, lambda x: (math.sin(x), math.cos(x)))
-    joints = geometry(model, bound, list(q), lambda x: (math.sin(x), math.cos(x)))
-    rows, _ = inertial_rows(model, bound, joints, list(v), list(a), bound.gravity)
+    tree = PosedTree(model, bound, geometry(model, bound, list(q), lambda x: (math.sin(x), math.cos(x))))
+    rows, _ = inertial_rows(tree, list(v), list(a), bound.gravity)
     u = np.array(rows) + [x.stiffness * s + x.damping * rate for x, s, rate in zip(bound.laws, q, v, strict=True)]
     M = np.zeros((model.size, model.size))
-    for (i, j), value in mass_matrix(model, bound, joints).items():
+    for (i, j), value in mass_matrix(tree).items():
         M[i, j] = M[j, i] = value
     return u, M
 

@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 import eomgen
-from eomgen.codegen.package.compile import FLAGS, NATIVE, Compiler, compile_flags, find_compiler, fuses
+from eomgen.codegen.package.compile import FLAGS, NATIVE, compile_flags, find_compiler, fuses
 from eomgen.codegen.package.environment import check_flags, environment_words
 from eomgen.codegen.package.levels import check_possible, chosen_level, fuses_unasked, level_flags, possible_levels
 from eomgen.codegen.package.probe import check_compiler
+from eomgen.codegen.package.running import Compiler
 from eomgen.errors import BuildError, InputError
 from eomgen.runtime.levels import LEVELS
 from tests.support.processors import needs_levels, pretend

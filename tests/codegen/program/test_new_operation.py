@@ -26,8 +26,7 @@ from eomgen.codegen.program.forward_mode import tangent
 from eomgen.codegen.program.ir import Graph, Program, evaluate, evaluate_lanes, finish
 from eomgen.codegen.program.operations import CALLED, OPERATIONS, Operation, Operations
 from eomgen.codegen.program.passes import hoist_parameters, run_passes
-from eomgen.codegen.program.reverse_mode import adjoint
-from eomgen.codegen.program.second_order import hessian
+from eomgen.codegen.program.reverse_mode import adjoint, hessian
 from eomgen.codegen.program.series import squared
 from eomgen.codegen.program.taylor import jet
 from eomgen.codegen.simt.registers import PLACES, scheduled

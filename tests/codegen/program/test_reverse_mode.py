@@ -18,8 +18,7 @@ from eomgen.codegen.program.forward_mode import gradients, tangent
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
 from eomgen.codegen.program.operations import CALLS, OPERATIONS
 from eomgen.codegen.program.passes import on_demand, run_passes
-from eomgen.codegen.program.reverse_mode import adjoint
-from eomgen.codegen.program.second_order import hessian
+from eomgen.codegen.program.reverse_mode import adjoint, hessian
 from eomgen.errors import ArrayError
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot

@@ -120,7 +120,7 @@ def test_a_column_is_inverse_dynamics_of_a_body_with_one_parameter(seed: int) ->
             own = [replace(other, inertia=nothing) for other in d.bound.bodies]
             own[k] = replace(own[k], inertia=congruence(axes, unit_inertia(key)))
             bound = replace(d.bound, bodies=tuple(own), armature=tuple([0.0] * model.size))
-            rows, _ = inertial_rows(model, bound, d.joints, d.v, d.a, bound.gravity)
+            rows, _ = inertial_rows(replace(d.tree, bound=bound), d.v, d.a, bound.gravity)
             outputs |= {("out", i * 10 * len(own) + 10 * k + place): row for i, row in enumerate(rows)}
     program = finish(d.graph, "columns", dict(sorted(outputs.items())))
     expected = run(program, model, **state).reshape(model.size, -1)

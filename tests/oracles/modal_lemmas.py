@@ -19,10 +19,9 @@ from typing import Any
 
 import sympy as sp
 
+from eomgen.codegen.joint.lemmas import step
 from eomgen.errors import InternalError
 from eomgen.robot.value import LINEAR
-
-from .lemmas import step
 
 Matrix = Any  # sympy.ImmutableMatrix: SymPy's matrices carry no usable types
 
