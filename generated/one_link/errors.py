@@ -129,7 +129,7 @@ class IntegrationStopped(IntegrationError):
     Attributes:
         t: time of the last good state, s.
         q, v: that state, (n,).
-        z: states of laws there, (m,); None where v has them behind the coordinates, or there are none.
+        z: internal states there, (m,); None where v has them behind the coordinates, or there are none.
         coordinate: name of the coordinate that is to blame: it, its drive or its acceleration is not finite, or it
             moves fastest for its size.
         trajectory: the ``Trajectory`` up to the last good state, which is its last sample (of ``simulate``: up to the
@@ -150,7 +150,7 @@ class IntegrationStopped(IntegrationError):
         return type(self), (self.args[0], self.t, self.q, self.v, self.coordinate, self.z)
 
     def set_apart(self, coordinates: int) -> None:
-        """Take what stands behind so many coordinates in the last good state as ``z``: states of laws."""
+        """Take what stands behind so many coordinates in the last good state as ``z``: internal states."""
         if self.z is None and len(self.v) > coordinates:
             self.q, self.v, self.z = self.q[:coordinates], self.v[:coordinates], self.v[coordinates:]
 

@@ -34,7 +34,7 @@ def is_identifier(text: str) -> bool:
 
 
 def is_state_name(text: str) -> bool:
-    """Return True for the name of a law's state: OWNER.LAW.STATE, such as "joint1.gamma.maxwell.0.z"."""
+    """Return True for the name of an internal state: OWNER.LAW.STATE, such as "joint1.gamma.maxwell.0.z"."""
     first, *words = text.split(".")
     return len(text) <= 4 * NAME_LENGTH and is_identifier(first) and len(words) > 1 and all(map(is_word, words))
 
@@ -130,7 +130,7 @@ def split_component(name: str) -> tuple[str, str]:
 
 
 def split_state(name: str) -> tuple[str, str, str]:
-    """Return owner, law and state of the name of a law's state: "j1.x", "maxwell", "0.z" of "j1.x.maxwell.0.z"."""
+    """Return owner, law and state of the name of an internal state: "j1.x", "maxwell", "0.z" of "j1.x.maxwell.0.z"."""
     *words, state = name.split(".")
     if words[-1].isdigit():  # of a branch
         state = f"{words.pop()}.{state}"

@@ -12,7 +12,7 @@ typedef struct {
     int rotations;  /* joints of three rotations that change charts */
     int has_friction;         /* Coulomb friction: the error counts what the matrix of the end leaves */
     int has_redundant_rows;   /* states of stages are assembled, too */
-    int coordinates;          /* of these n, where drives have states; other states of laws stand behind them */
+    int coordinates;          /* of these n, where drives have states; other internal states stand behind them */
     const int *beside;        /* NULL without such drives; n, where in arrays of drives forces on a coordinate stand: drives have
                                  their inputs at coordinates, and forces at the places of their first states */
     const int *is_prescribed; /* n, or NULL */

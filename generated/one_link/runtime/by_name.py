@@ -146,7 +146,7 @@ def make_blocks(
 
     Args:
         mass, christoffel: of coordinates.
-        meta: the metadata's entry "survivors", of n numbers: coordinates, and states of laws behind them.
+        meta: the metadata's entry "survivors", of n numbers: coordinates, and internal states behind them.
         names: of the coordinates.
     """
     part = slice(len(names))
@@ -178,7 +178,7 @@ class NamedViews(CompiledCode):
         """
         mass, christoffel = self.mass_matrix(q), self.christoffel(q)
         survivors = self.raw.libraries.about(name_of(self.christoffel))["survivors"]
-        part = slice(len(self.coordinates))  # without states of laws
+        part = slice(len(self.coordinates))  # without internal states
         arrays = mass[..., part, part], christoffel[..., part, part, part]
         return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
 

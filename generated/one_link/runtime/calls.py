@@ -233,13 +233,14 @@ class Calls:
         laws = [split_component(name) for name in meta.get("cut_laws", ())]
         turned = {owner for owner, kind in laws if kind in ("alpha", "beta", "gamma")}
         at_pole = "is at beta = +-90 degrees, where its alpha and gamma turn about one axis"
-        if turned and "cut_poses" in self.raw.functions:
-            for loop, pose in zip(meta["loops"], self.run("cut_poses", None, (q,)), strict=True):
+        diagnoses = self.raw.diagnoses
+        if turned and "loop_poses" in diagnoses:
+            for loop, pose in zip(meta["loops"], self.run(diagnoses["loop_poses"], None, (q,)), strict=True):
                 if loop in turned and np.hypot(pose[1, 2], pose[2, 2]) < POLE:
                     return f"loop {loop} {at_pole}"
-        if meta.get("element_rows") and "element_jacobian" in self.raw.functions:
+        if meta.get("element_rows") and "element_rows" in diagnoses:
             with np.errstate(all="ignore"):
-                function = self.raw.functions["element_jacobian"]
+                function = self.raw.functions[diagnoses["element_rows"]]
                 rows = np.empty(self.raw.shapes[function.writes], self.arrays.dtype)
                 self.call(function, [np.ascontiguousarray(q, self.arrays.dtype)], [0], (), None, rows)
             for name, row in zip(meta["element_rows"], rows, strict=True):
@@ -284,9 +285,10 @@ class Calls:
 
         return shared(work, count, min(self.threads, count // SHARE))
 
-    def _asked(self, arguments: Mapping[str, Array], name: str) -> Array | None:
+    def _asked(self, arguments: Mapping[str, Array], diagnosis: str) -> Array | None:
         """Ask another function about a state, with zeros for missing arguments; None where there is none."""
-        if name not in self.raw.functions:
+        name = self.raw.diagnoses.get(diagnosis)
+        if name is None:
             return None
         reads = self.raw.functions[name].reads
         return self.run(name, None, [arguments.get(x, np.zeros(self.raw.shapes[x], self.dtype)) for x in reads])
@@ -338,20 +340,22 @@ class Calls:
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
         M = self.moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
-        if M is None or "constraint_jacobian" not in self.raw.functions or not np.isfinite(M).all():
+        rows = self.raw.diagnoses.get("gap_rows")
+        if M is None or rows is None or not np.isfinite(M).all():
             return None
         if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
             return None
         here = np.asarray(q, dtype=np.float64)
         states = np.stack([here, here + np.linspace(0.3, 0.7, self.n)]).astype(self.dtype)
-        return singular_loop(self.raw, *self.run("constraint_jacobian", None, (states,)))
+        return singular_loop(self.raw, *self.run(rows, None, (states,)))
 
     def moving_mass(self, q: Array) -> Array | None:
         """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
         moving = [i for i, name in enumerate(self.coordinates) if name not in self.prescribed]
-        if "mass_matrix" in self.raw.functions:
-            M = self.run("mass_matrix", None, (q,))
-        elif (drives := self.of_tree("inverse_dynamics")) in self.raw.functions:
+        diagnoses = self.raw.diagnoses
+        if "mass" in diagnoses:
+            M = self.run(diagnoses["mass"], None, (q,))
+        elif (drives := diagnoses.get("forces")) is not None:
             zero = np.zeros(self.n, self.dtype)
             M = self.run(drives, None, (q, zero, np.eye(self.n, dtype=self.dtype)))
             M = M - self.run(drives, None, (q, zero, zero))

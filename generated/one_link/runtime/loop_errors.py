@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from .raw import Array, RawKernel
+from .raw import DERIVED, Array, RawKernel
 
-Ask = Callable[[str], "Array | None"]  # what a function says of the state; None where the kernel has none of that name
+Ask = Callable[[str], "Array | None"]  # what a function gives by its diagnosis; None where the kernel has none
 
 LOADED = "_under_load"  # ends the names of functions that methods call where there are wrenches
-WHOLE = ("constraint_forces", "loop_reactions")  # that the open tree has nothing of
 KINDS = (  # of violations: what it is, per which time, and what is allowed
     ("is open", "", "q of kernel.assemble"),
     ("is opening", "/s", "v of kernel.project_velocity"),
@@ -34,7 +33,8 @@ def loop_error(
         arguments: of the function, for that state alone.
     """
     name = name.removesuffix(LOADED)
-    tree = "" if name in WHOLE else ", or cut=True for the open tree"
+    called = raw.functions.get(name)
+    tree = ", or cut=True for the open tree" if called and ("cut" in called.takes or called.kind in DERIVED) else ""
     names = raw.libraries.meta["constraints"]
     kind, row = divmod(reason, len(names))
     if kind >= len(KINDS):
@@ -52,8 +52,8 @@ def loop_error(
 
 def _violation(ask: Ask, arguments: Mapping[str, Array], kind: int, row: int) -> float:
     """Return the size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
-    g = ask("constraint" if kind == 0 else "constraint_jacobian")
-    bias = ask("constraint_bias") if kind == 2 else None
+    g = ask("gap" if kind == 0 else "gap_rows")
+    bias = ask("gap_bias") if kind == 2 else None
     if g is None or (kind == 2 and bias is None):
         return math.nan
     violation = g[row] if kind == 0 else g[row] @ arguments["va"[kind - 1]]
@@ -65,7 +65,7 @@ def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: st
     meta = raw.libraries.meta
     coordinates, m = meta["coordinates"], len(meta["constraints"])
     driven = [x for k, x in enumerate(coordinates) if k in meta["driven"] or x in meta["prescribed"]]
-    drives, jacobian = ask("constrained_drives"), ask("constraint_jacobian")
+    drives, jacobian = ask("drives"), ask("gap_rows")
     left = math.nan if drives is None else float(np.abs(drives[len(coordinates) + 5 * m :][: len(coordinates)]).max())
     loop, freedoms = meta["constraints"][0].partition(".")[0], ""
     if jacobian is not None:

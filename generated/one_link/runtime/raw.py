@@ -76,6 +76,7 @@ class RawFunction:
         loaded: the function that computes the same for closed loops where generalized forces act in addition, and
             that which gives these forces of wrenches; or ().
         closes: whether it, or what it is a derivative of, refuses states in which loops are open.
+        diagnosis: what error messages take from it about a state: "mass", "gap", ...; or "".
     """
 
     name: str
@@ -88,6 +89,7 @@ class RawFunction:
     wrench: WrenchTerm | None = None
     loaded: tuple[str, ...] = ()
     closes: bool = False
+    diagnosis: str = ""
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -284,6 +286,7 @@ class RawKernel:
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
         functions: functions of one state or a batch, by name.
+        diagnoses: names of functions that error messages take numbers from, by what they give; of those that there are.
         statuses: reasons why a function may fail in one state: a pivot of each coordinate; where there are loops a
             gap of each constraint, then its rate, then its acceleration, then a force on each coordinate that no drive
             takes.
@@ -322,6 +325,7 @@ class RawKernel:
                 WrenchTerm(*entry["wrench"]) if "wrench" in entry else None,
                 tuple(entry.get("loaded", ())),
                 closes=entry.get("closes", False),
+                diagnosis=entry.get("diagnosis", ""),
             )
             for name, entry in meta["functions"].items()
         ]
@@ -331,6 +335,7 @@ class RawKernel:
         self.gradients: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind == GRADIENT}
         apart = (ROLLOUT, ADAPTIVE, GRADIENT)
         self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in apart}
+        self.diagnoses: Mapping[str, str] = {x.diagnosis: x.name for x in known if x.diagnosis}
 
     def __copy__(self) -> RawKernel:
         return self

@@ -67,7 +67,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
                 many, (..., 4, 4) or (..., 3).
             frame: one of ``frames``; "tcp" if not given.
             q0: where the search begins, (n,), or one for each pose, (..., n); ``home`` if not given.  With room for
-                states of laws behind them the result has that, too.
+                internal states behind them the result has that, too.
             limits: True for ``limits``, False for none, a mapping from coordinates or joints to lower and upper ones,
                 beside those of ``limits``, or both for all, (n, 2).
             moving: names of coordinates or joints that may move; those of ``limits`` if not given (of a robot without

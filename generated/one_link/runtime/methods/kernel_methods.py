@@ -415,6 +415,24 @@ class KernelFunctions:
         """
         return self._bound["element_jacobian"](q, out)
 
+    def drive_jacobian(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        z: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> tuple[Array, ...]:
+        """Return derivatives by q, v and u of the forces of drives with states, and of the states' rates: three (n, n).
+
+        Args:
+            q, v, u: (n,).
+            z: internal states of force laws, (m,), where there are some.
+            out: array to write to.
+        """
+        return tuple(self._bound["drive_jacobian"](q, v, u, z, out))
+
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return an upper bound of the springs' stiffness matrix, (n, n), N/m, N or N m/rad; positive semidefinite.
 

@@ -21,7 +21,7 @@ from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, re
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
-MARGIN = 1.1  # of the bounds of laws' states, which errors of good steps do not reach
+MARGIN = 1.1  # of the bounds of internal states, which errors of good steps do not reach
 METHODS = "method='rosenbrock' or 'radau', or a shorter step"
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
 
@@ -136,7 +136,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
 
 
 def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple[int, ...], str] | None:
-    """Return the bounds of laws' states, and of the first one that steps of a length let leave them what
+    """Return the bounds of internal states, and of the first one that steps of a length let leave them what
     ``StateBounds.first_beyond`` does; None where none leaves them.
 
     Args:
@@ -150,13 +150,13 @@ def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple
 
 
 def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
-    """Refuse explicit steps that are too long for laws with states: motions are then wrong, if finite.
+    """Refuse explicit steps that are too long for laws with internal states: motions are then wrong, if finite.
 
     Args:
         apart: time between two rows of the result, s.
 
     Raises:
-        IntegrationStopped: a state of a law leaves the bounds that it cannot leave.
+        IntegrationStopped: an internal state leaves the bounds that it cannot leave.
     """
     q, v = result
     found = wrong_state(calls, method, v)
