@@ -33,7 +33,7 @@ WORDS = {
 SECTION = re.compile(r"\n\n(Args|Raises):\n")
 INTRODUCTION = {
     CORE: "Methods of kernels that call a function of C each; see ``Kernel`` for arrays, batches and errors.",
-    MORE: "Methods of the same kind for forces of single parts, sensors and the constraint.",
+    MORE: "Methods of the same kind for forces of single parts, sensors and the constraint; see ``Functions``.",
 }
 HEAD = '''"""Methods of kernels, written by ``python -m release.kernel_methods`` from the table of kernels.
 
@@ -94,7 +94,7 @@ def method(name: str, signature: Signature, found: str) -> str:
     doc = documented(signature, found).replace("\n", "\n        ").replace("        \n", "\n")
     closing = "\n        " if "\n" in doc else ""
     arguments = ", ".join([*signature.reads, *framed, *options])
-    return f'{head}\n        """{doc}{closing}"""\n        return self._bound["{name}"]({arguments})\n'
+    return f'{head}\n        """{doc}{closing}"""\n        return self._bound.{name}({arguments})\n'
 
 
 def module(text: str) -> str:
