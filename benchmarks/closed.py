@@ -93,13 +93,13 @@ def closed_states(robot: Robot, case: Case, count: int) -> list[Array]:
     while len(drawn) < count:
         q, v = case.guess(rng)
         for _ in range(30):
-            g = kernel.constraint(q)
+            g = kernel.functions.constraint(q)
             if np.abs(g).max() < 1e-14:
                 break
-            q = q - np.linalg.lstsq(kernel.constraint_jacobian(q), g, rcond=1e-9)[0]
-        if np.abs(kernel.constraint(q)).max() > 1e-13:
+            q = q - np.linalg.lstsq(kernel.functions.constraint_jacobian(q), g, rcond=1e-9)[0]
+        if np.abs(kernel.functions.constraint(q)).max() > 1e-13:
             continue
-        J = kernel.constraint_jacobian(q)
+        J = kernel.functions.constraint_jacobian(q)
         for _ in range(2):
             v = v - np.linalg.lstsq(J, J @ v, rcond=1e-9)[0]
         drawn.append((q, v, rng.uniform(-1.0, 1.0, len(q))))

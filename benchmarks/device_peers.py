@@ -60,7 +60,7 @@ Maker = Callable[[str, str, str, Sequence[Array]], Work]
 @cache
 def built(robot: str, dtype: str, checks: bool) -> tuple[Any, Any]:
     """Return a kernel and its methods on the device."""
-    kernel = eomgen.build(robot, kernels=FUNCTIONS, dtype=dtype).with_checks(checks)
+    kernel = eomgen.build(robot, kernels=FUNCTIONS, dtype=dtype).replaced(checks=checks)
     return kernel, kernel.device("cuda")
 
 

@@ -67,7 +67,7 @@ class Misfit:
         """The logarithm, and its gradient by the logarithms of the numbers' ratios to nominal ones."""
         self.calls += 1
         values = self.nominal * np.exp(logarithms)
-        kernel = self.kernel.with_parameters(dict(zip(WANTED, values.tolist(), strict=True)))
+        kernel = self.kernel.replaced(parameters=dict(zip(WANTED, values.tolist(), strict=True)))
         still = np.zeros(kernel.n)
         value, by = kernel.rollout_gradient(
             *(still, still, self.u, STEP, len(self.u)),
@@ -85,8 +85,8 @@ class Misfit:
 
 def main() -> None:
     """Simulate the unknown arm, search for its numbers, and say how near they are."""
-    kernel = eomgen.build("worn_arm").with_parameters(TILTED)
-    arm = kernel.with_parameters({name: ratio * kernel.parameters[name] for name, ratio in WANTED.items()})
+    kernel = eomgen.build("worn_arm").replaced(parameters=TILTED)
+    arm = kernel.replaced(parameters={name: ratio * kernel.parameters[name] for name, ratio in WANTED.items()})
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 8000
     still, u = np.zeros(kernel.n), drives(kernel, steps)
     q, _ = arm.rollout(still, still, u, STEP, steps, method="implicit", every=EVERY)

@@ -34,7 +34,7 @@ WORDS = {
 SECTION = re.compile(r"\n\n(Args|Raises):\n")
 INTRODUCTION = {
     CORE: "Methods of kernels that call a function of C each; see ``Kernel`` for arrays, batches and errors.",
-    MORE: "Methods of the same kind for forces of single parts, sensors and the constraint.",
+    MORE: "Methods of the same kind for forces of single parts, sensors and the constraint; see ``Functions``.",
 }
 HEAD = '''"""Methods of kernels, written by ``python -m release.kernel_methods`` from the table of kernels.
 
@@ -95,7 +95,8 @@ def method(name: str, signature: Signature, found: str) -> str:
         head = "\n".join([f"    def {name}(", *(f"        {x}," for x in parameters), f"    ) -> {returned}:"])
     doc = documented(signature, found).replace("\n", "\n        ").replace("        \n", "\n")
     closing = "\n        " if "\n" in doc else ""
-    call = f'self._bound["{name}"]({", ".join([*signature.reads, *framed, *options])})'
+    arguments = ", ".join([*signature.reads, *framed, *options])
+    call = f"self._bound.{name}({arguments})"
     return f'{head}\n        """{doc}{closing}"""\n        return {call if returned == "Array" else f"tuple({call})"}\n'
 
 

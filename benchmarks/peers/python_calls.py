@@ -51,7 +51,7 @@ def python_calls(rounds: int, robots: Sequence[str] = ROBOTS) -> tuple[Call, ...
 
 def _calls_of(chosen: Case, rounds: int) -> Iterator[Call]:
     kernel = eomgen.build(chosen.robot, kernels=tuple(READS), native=True)
-    bare, frame = kernel.with_checks(False), kernel.frames[-1]
+    bare, frame = kernel.replaced(checks=False), kernel.frames[-1]
     peers, textbook = _pinocchio(chosen, frame), Textbook(chosen.robot)
     few, many = states(chosen.robot, STATES), states(chosen.robot, BATCH_STATES)
     for name, reads in READS.items():

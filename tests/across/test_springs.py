@@ -158,10 +158,10 @@ def test_simulation_of_the_built_in_arm() -> None:
     names = list(kernel.springs)
     assert names == ["balance", "tendon", "stop"]
     bent, out = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.1])
-    assert kernel.spring_forces(bent, still)[2, 1] == 0.0
-    assert kernel.spring_forces(out, still)[2, 1] > 1000.0
+    assert kernel.functions.spring_forces(bent, still)[2, 1] == 0.0
+    assert kernel.functions.spring_forces(out, still)[2, 1] > 1000.0
     motion = integrate(kernel, [0.3, 0.0, 1.2], [0.0, 0.0, -6.0], 0.6)
-    pairs = kernel.spring_forces(motion.q, motion.v)
+    pairs = kernel.functions.spring_forces(motion.q, motion.v)
     assert pairs[:, 2, 1].max() > 100.0
     assert pairs[:, 2, 0].max() < 0.63
     energy = motion.energy.sum(axis=1)

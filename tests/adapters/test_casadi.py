@@ -213,7 +213,7 @@ def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pyt
     made = function(kernel, "frame_pose", "tcp", flags=FLAGS)
     assert made.name() == "eom_one_link_frame_pose_tcp"
     assert np.array_equal(np.array(made([0.1, 0.2])), kernel.frame_pose([0.1, 0.2], "tcp"))
-    assert kernel.source("h") == (package / "one_link.h").read_text(encoding="ascii")
+    assert kernel.raw.source("h") == (package / "one_link.h").read_text(encoding="ascii")
     (package / "one_link.c").unlink()
     with pytest.raises(Exception, match=r"one_link\.c is not in the kernel's package any more; build the kernel again"):
         function(kernel, "frame_pose", "tcp")
@@ -347,7 +347,7 @@ def by_rollout(kernel: eomgen.Kernel, made: dict[str, Any], x: Array, u: Array) 
     n, c, drives = kernel.n, len(kernel.coordinates), list(made["drives"])
     q, v, forces = np.zeros(n), x[c:], np.zeros(n)
     q[:c] = x[:c]
-    places = [kernel.velocities.index(name) for name in drives]
+    places = [kernel.calls.coordinates.index(name) for name in drives]
     forces[places] = u
     unit = np.eye(c + n + len(drives))
     along = {"q": np.zeros((len(unit), n)), "v": unit[:, c : c + n], "u": np.zeros((len(unit), n))}
@@ -453,7 +453,7 @@ def _directions(kernel: eomgen.Kernel, x: Array, numbers: Array) -> Array:
     n, every = kernel.n, np.diag(np.maximum(1.0, np.abs(numbers)))
     if not kernel.constraints:
         return every
-    free = np.linalg.svd(kernel.constraint_jacobian(x[:n]))[2][-1]
+    free = np.linalg.svd(kernel.functions.constraint_jacobian(x[:n]))[2][-1]
     of_state = np.zeros((2, numbers.size))
     of_state[0, :n] = of_state[1, n : 2 * n] = free
     return np.vstack([of_state, every[2 * n :]])

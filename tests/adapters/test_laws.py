@@ -84,7 +84,7 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
     size, ends = float(kernel.parameters[key]), []
     slope = jax.jacfwd(lambda x: native.forward_dynamics(q, v, u, p={key: x}))(size)
     for sign in (1.0, -1.0):
-        ends.append(kernel.with_parameters({key: size * (1.0 + sign * 1e-5)}).forward_dynamics(q, v, u))
+        ends.append(kernel.replaced(parameters={key: size * (1.0 + sign * 1e-5)}).forward_dynamics(q, v, u))
     expected = (ends[0] - ends[1]) / (2e-5 * size)
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

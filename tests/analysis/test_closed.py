@@ -109,7 +109,7 @@ def test_platform_on_legs_that_yield(built: Build) -> None:
 
 
 def _ways(kernel: eomgen.Kernel, q: Array, drives: list[int]) -> Array:
-    ways = null_space(kernel.constraint_jacobian(q))
+    ways = null_space(kernel.functions.constraint_jacobian(q))
     return np.asarray(ways @ np.linalg.inv(ways[drives]))
 
 

@@ -223,7 +223,7 @@ def test_slider_crank_is_an_oscillator_of_one_coordinate(held: list[str], built:
 def test_constraint_hessian_is_the_derivative_of_the_jacobian() -> None:
     kernel = kernel_of(eomgen.load_robot("bennett"))
     q, h = np.array([0.4, -0.8, 1.1]), 1e-5
-    J = kernel.constraint_jacobian
+    J = kernel.functions.constraint_jacobian
     slopes = [(J(q + h * e) - J(q - h * e)) / (2 * h) for e in np.eye(3)]
     assert np.abs(constraint_hessian(kernel, q) - np.moveaxis(np.array(slopes), 0, -1)).max() < 1e-9
 

@@ -215,7 +215,7 @@ def test_what_is_called_from_python_is_what_users_call(name: str, tiny: Robot, m
     result = bench(tiny, repeat=1, kernels=(name,))
     assert result.called == name
     assert min(result.call) > 0.0
-    assert result.is_direct == eomgen.build(tiny, kernels=(name,)).is_direct
+    assert result.is_direct == eomgen.build(tiny, kernels=(name,)).functions.is_direct
     if result.is_direct:
         assert came.count(name) <= 2
         assert "cffi" not in result.lines()[-1]

@@ -49,7 +49,7 @@ def table(folder: Path) -> list[Call]:
     sensors = "encoder:joint1.gamma,pose:tcp"
     measured = control.Measurement.of("one_link", sensors, drift={"encoder": 1e-6})
     kernel = eomgen.build(measured.robot, kernels=measured.kernels)
-    y = kernel.measurement(q, q, q)
+    y = kernel.functions.measurement(q, q, q)
     kalman = control.observer("one_link", "encoder:joint1.gamma,encoder:joint1.x", dt=1e-3)
     momentum = control.MomentumObserver("one_link", 10.0, 1e-3)
     inverse = control.stable_inversion(carts(), motion, step=5e-4)

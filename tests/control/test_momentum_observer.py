@@ -68,7 +68,7 @@ def test_forces_come_with_the_time_constant(built: Build) -> None:
         if k == 0:
             observer.start(*before)
         found.append(observer.step(*state, u))
-        expected.append(kernel.external_force(0.5 * (before[0] + state[0]), wrench))
+        expected.append(kernel.functions.external_force(0.5 * (before[0] + state[0]), wrench))
         told.append(bool(observer.collisions))
     r, tau = np.array(found), np.array(expected)
     size = np.abs(tau).max()
@@ -129,7 +129,7 @@ def test_elastic_gears_with_encoders_on_both_sides_and_with_torque_sensors(built
 
     def torque(q: Array, v: Array) -> float:
         """What the joint carries: what moves the links, less what acts from outside on the coordinate."""
-        return float(kernel.measurement(q, v, kernel.forward_dynamics(q, v, u + external))[0]) - external[at]
+        return float(kernel.functions.measurement(q, v, kernel.forward_dynamics(q, v, u + external))[0]) - external[at]
 
     observer.start(*state)
     sensed.start(*(x[links] for x in state))
@@ -317,6 +317,6 @@ def test_a_folder_of_sources_has_the_observer(tmp_path: Path) -> None:
 @pytest.mark.soak
 def test_a_package_with_the_observer_is_imported(tmp_path: Path) -> None:
     MomentumObserver("one_link", GAIN, DT).write(tmp_path)
-    code = "import one_link; print(one_link.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)"
+    code = "import one_link; print(one_link.functions.generalized_momentum([0.1, 0.2], [1.0, 2.0]).shape)"
     found = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True)
     assert found.stdout == "(2, 2)\n"

@@ -87,7 +87,7 @@ def test_filter_is_that_of_textbooks(form: Any) -> None:
 
     def step(x: Array, u: Array) -> Array:
         kernel.parameters[STIFFNESS] = x[10]
-        force = u + kernel.external_force(x[:2], x[4:10].reshape(1, 6))
+        force = u + kernel.functions.external_force(x[:2], x[4:10].reshape(1, 6))
         q, v = kernel.rollout(x[:2], x[2:4], force, DT, 1, method="implicit")
         return np.concatenate([q[1], v[1], x[4:]])
 
@@ -505,14 +505,14 @@ def test_filter_of_a_linkage_is_that_of_textbooks() -> None:
     def force(x: Array, u: Array) -> Any:
         kernel.parameters["gravity.y"] = x[8]
         wrench[1] = x[2:8]
-        return lambda q: u + kernel.external_force(q, wrench)
+        return lambda q: u + kernel.functions.external_force(q, wrench)
 
     class ByDifferences(Textbook):
         """Readings follow from the crank's state."""
 
         def readings(self, x: Array, u: Array) -> Array:
             q, v = placed(kernel, x)
-            return np.asarray(kernel.measurement(q, v, kernel.forward_dynamics(q, v, force(x, u)(q))))
+            return np.asarray(kernel.functions.measurement(q, v, kernel.forward_dynamics(q, v, force(x, u)(q))))
 
         def look(self, u: Array) -> Array:
             size = np.maximum(np.abs(self.x), 1e-2) * 1e-5
@@ -544,8 +544,8 @@ def test_filter_of_a_linkage_is_that_of_textbooks() -> None:
         scale = np.sqrt(np.diag(book.P))
         assert np.abs((made.state - book.x) / scale).max() < 1e-4  # whose derivatives are differences
         close(made.covariance, book.P, book.P, 1e-4)
-        assert np.abs(kernel.constraint(made.q)).max() < 1e-11
-        assert np.abs(kernel.constraint_jacobian(made.q) @ made.v).max() < 1e-11
+        assert np.abs(kernel.functions.constraint(made.q)).max() < 1e-11
+        assert np.abs(kernel.functions.constraint_jacobian(made.q) @ made.v).max() < 1e-11
 
 
 def consistency(made: Observer, runs: int, steps: int) -> tuple[Array, Array]:
@@ -627,8 +627,8 @@ def test_begins_and_poses_are_assembled() -> None:
     made.begin([1.3, -0.6, 1.5], [2.0, 0.0, 0.0])
     q, v = made.q, made.v
     assert (q[0], v[0]) == (1.3, 2.0)
-    assert np.abs(made.kernel.constraint(q)).max() < 1e-11
-    assert np.abs(made.kernel.constraint_jacobian(q) @ v).max() < 1e-11
+    assert np.abs(made.kernel.functions.constraint(q)).max() < 1e-11
+    assert np.abs(made.kernel.functions.constraint_jacobian(q) @ v).max() < 1e-11
     assert made.observability([[0.6, -0.5, 1.4], [2.0, -0.5, 1.4]]).is_complete
     assert np.array_equal(made.q, q)
     assert np.array_equal(made.v, v)

@@ -133,7 +133,7 @@ def test_jacobians_are_differences_of_innovations(built: Build) -> None:
             ahead, behind = states.copy(), states.copy()
             ahead[which, :, i] += h
             behind[which, :, i] -= h
-            change = m.innovation(kernel.measurement(*ahead), kernel.measurement(*behind)) / (2 * h)
+            change = m.innovation(kernel.functions.measurement(*ahead), kernel.functions.measurement(*behind)) / (2 * h)
             assert np.abs(change - rows[..., i]).max() <= 1e-7 * (1.0 + np.abs(rows).max())
     single = m.jacobian(kernel, *states[:, 0])
     assert all(np.array_equal(one, many[0]) for one, many in zip(single, H, strict=True))
@@ -166,7 +166,7 @@ def test_innovations_and_jacobians_in_c(dtype: str, built: Build, tmp_path: Path
     call["innovation_jacobian"](at(h), at(q), at(v), at(a), at(predicted), at(jacobian))
     limit = 1e-13 if dtype == "float64" else 1e-4
     expected = np.stack(m.jacobian(kernel, q, v, a), axis=1)
-    assert np.abs(predicted - kernel.measurement(q, v, a)).max() <= limit * (1.0 + np.abs(predicted).max())
+    assert np.abs(predicted - kernel.functions.measurement(q, v, a)).max() <= limit * (1.0 + np.abs(predicted).max())
     assert np.abs(jacobian - expected).max() <= limit * (1.0 + np.abs(expected).max())
     measured, innovation = m.noisy(predicted, rng).astype(dtype), np.zeros(len(m.noise), dtype)
     call["innovation"](at(measured), at(predicted), at(innovation))

@@ -57,7 +57,7 @@ def test_bound_calls_compute_from_what_arrays_hold(kernel: eomgen.Kernel, device
     q[:], v[3, 0] = -q, np.nan
     device.mass_matrix(Lying(np.concatenate([q] * 50)))  # of more memory than the call has
     call()
-    assert np.array_equal(out, kernel.with_checks(False).inverse_dynamics(q, v, a), equal_nan=True)
+    assert np.array_equal(out, kernel.replaced(checks=False).inverse_dynamics(q, v, a), equal_nan=True)
     tiles = [Lying(in_tiles(np.concatenate([x, x])[: 2 * TILE])) for x in (q, a, a)]
     made = device.bind("rk4_rollout", *tiles, step=1e-3, steps=4)()
     assert [device.get(x).shape for x in made] == [tiles[0].x.shape] * 2
@@ -116,7 +116,7 @@ def test_rollouts_have_controllers(kernel: eomgen.Kernel, device: Any) -> None:
 
 
 def test_parameters_are_those_of_the_kernel_now(kernel: eomgen.Kernel, stub: Stub) -> None:
-    own = kernel.with_parameters()
+    own = kernel.replaced()
     device, arrays = own.device("cuda"), states(own)
     device.inverse_dynamics(*map(Lying, arrays))
     own.parameters["gravity.y"] = -1.6
@@ -179,7 +179,7 @@ def test_states_that_fail_are_named(kernel: eomgen.Kernel, device: Any) -> None:
     large = np.full_like(v, 1e200)
     with pytest.raises(ArrayError, match=r"inverse_dynamics: .* in state 0 is -?(inf|nan), out of numbers that are fi"):
         device.inverse_dynamics(Lying(q), Lying(large), Lying(a))
-    quiet = kernel.with_checks(False).device("cuda")
+    quiet = kernel.replaced(checks=False).device("cuda")
     assert not np.isfinite(quiet.get(quiet.inverse_dynamics(Lying(q), Lying(bad), Lying(a)))).all()
 
 

@@ -85,7 +85,7 @@ def test_second_derivatives(kernel: eomgen.Kernel, device: Any) -> None:
 
 @pytest.mark.usefixtures("on_processor")
 def test_parameters_are_those_of_then(kernel: eomgen.Kernel, stub: Stub) -> None:
-    own = kernel.with_parameters()
+    own = kernel.replaced()
     device, (q, v, a) = own.device("cuda"), states(own, 3)
     before = function(device, "inverse_dynamics")
     expected = before(q, v, a)
@@ -112,7 +112,7 @@ def test_states_that_fail_are_named(kernel: eomgen.Kernel, device: Any, stub: St
     ):
         with pytest.raises(REFUSED, match=said):
             jax.block_until_ready(jax.jit(made)(*arrays))
-    quiet = kernel.with_checks(False).device("cuda")
+    quiet = kernel.replaced(checks=False).device("cuda")
     assert not np.isfinite(function(quiet, "inverse_dynamics")(q, bad, a)).all()
     far = jnp.asarray(q[:1])
     stub.library.stub_elsewhere(xla.ctypes.c_void_p(far.unsafe_buffer_pointer()))

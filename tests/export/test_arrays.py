@@ -68,7 +68,7 @@ def compare(robot: Robot) -> None:
         expected = kernel.calls.run(name, None, arrays)
         close(getattr(functions, name)(*arrays, p=p), expected, 1e-13 * (scale if name == "forward_dynamics" else 1.0))
     wrench = rng.uniform(-1.0, 1.0, (7, len(kernel.links), 6))
-    close(functions.external_force(x["q"], wrench), kernel.external_force(x["q"], wrench))
+    close(functions.external_force(x["q"], wrench), kernel.functions.external_force(x["q"], wrench))
     poses = functions.frame_poses(x["q"])
     for i, frame in enumerate(kernel.frames):
         close(poses[:, i], kernel.frame_pose(x["q"], frame)[:, :3])
@@ -165,7 +165,7 @@ def test_closed_mechanisms_move_as_the_kernels_say(name: str) -> None:
     q = kernel.assemble(np.array([home.get(x, 0.0) for x in kernel.coordinates]))
     zero = np.zeros(kernel.n)
     close(functions.forward_dynamics(q, zero, zero), kernel.forward_dynamics(q, zero, zero), 1e-9)
-    close(functions.constraint_jacobian(q), kernel.constraint_jacobian(q))
+    close(functions.constraint_jacobian(q), kernel.functions.constraint_jacobian(q))
 
 
 @pytest.mark.soak

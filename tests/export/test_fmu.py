@@ -146,7 +146,7 @@ def test_links_that_bend(name: str, version: int, exported: Export) -> None:
     close(host.get(outputs(host)), expected(kernel, p), 1e-12)
     softer = {x: 1.5 * value for x, value in kernel.parameters.items() if ".modes." in x}
     host.set(list(softer), list(softer.values()))
-    close(host.get(outputs(host)), expected(kernel.with_parameters(softer), p), 1e-12)
+    close(host.get(outputs(host)), expected(kernel.replaced(parameters=softer), p), 1e-12)
     host.unit.freeInstance()
     if version == 3:
         assert check_dependencies(unit, p) > 20
@@ -192,7 +192,7 @@ def test_derivatives_by_one_are_the_kernels_columns(version: int, exported: Expo
     host = unit.host().start(knowns(unit.host()), p.all)
     names = knowns(host)
     n, a = kernel.n, host.names("a.")
-    external = kernel.external_force(p.q, p.wrench)
+    external = kernel.functions.external_force(p.q, p.wrench)
     external[[i for i, name in enumerate(kernel.coordinates) if name in kernel.prescribed]] = 0.0
     _, by_v, by_u = kernel.forward_dynamics_jacobian(p.q, p.v, p.u + external)
     found = np.array([host.derivative(a, [name], [1.0]) for name in names[n : 3 * n]]).T
@@ -300,7 +300,7 @@ def test_fmpy_simulates_it(version: int, kind: str, exported: Export) -> None:
         input=inputs,
         output=["q.joint1.x", "q.joint1.gamma", "v.joint1.x", "v.joint1.gamma"],
     )
-    tuned = kernel.with_parameters({"joints.joint1.x.stiffness": 900.0})
+    tuned = kernel.replaced(parameters={"joints.joint1.x.stiffness": 900.0})
     end = direct(tuned, np.array([0.0, 0.3, 0.0, 0.0]), np.array([0.0, 0.4]), np.zeros((1, 6)), duration)
     worst = float(np.abs(np.array([result[name][-1] for name in result.dtype.names[1:]]) - end).max())
     print(f"one_link by fmpy, FMI {version}.0 {kind}: within {worst:.1e} of DOP853")
@@ -384,7 +384,7 @@ def test_parameters_are_tunable_and_each_instances_own(version: int, exported: E
     one.unit.enterEventMode()
     one.set(list(values), list(values.values()))
     still_air = replace(p, wrench=0.0 * p.wrench)
-    close(one.get(outputs(one)), expected(unit.kernel.with_parameters(values), still_air), 1e-13)
+    close(one.get(outputs(one)), expected(unit.kernel.replaced(parameters=values), still_air), 1e-13)
     close(other.get(outputs(other)), expected(unit.kernel, still_air), 1e-13)
 
 

@@ -149,8 +149,8 @@ def test_closed_mechanisms(name: str, rate: float, exported: Export, built: Buil
         errors.append(float(np.abs(found - np.concatenate([wanted.q[-1], wanted.v[-1]])).max()))
         energy = host.get(host.names("energy."))
         assert abs(energy.sum() - begin.sum()) <= 100.0 * tolerance * max(energy[0], begin[0])
-        assert np.abs(kernel.constraint(found[:3])).max() <= 1e-10
-        assert np.abs(kernel.constraint_jacobian(found[:3]) @ found[3:]).max() <= 1e-9
+        assert np.abs(kernel.functions.constraint(found[:3])).max() <= 1e-10
+        assert np.abs(kernel.functions.constraint_jacobian(found[:3]) @ found[3:]).max() <= 1e-9
     print(f"{name}: errors {errors}")
     assert np.abs(wanted.q[-1] - home).max() > 0.3
     assert errors[1] <= min(0.1 * errors[0], 1e-6)
@@ -186,7 +186,7 @@ def test_free_joints_turn(name: str, method: str, exported: Export, built: Build
     assert (turned[0] * turned[1].inv()).magnitude() < limit
     assert np.abs(found[:3] - expected.q[-1, :3]).max() < limit
     if name == "held":
-        assert np.abs(kernel.constraint(found[:6])).max() < 1e-11
+        assert np.abs(kernel.functions.constraint(found[:6])).max() < 1e-11
     host.unit.setFMUState(kept)
     np.testing.assert_array_equal(run(host, 16, 0.05, first=4), found)
 
@@ -361,7 +361,7 @@ def test_frictions_that_turn_round_fast(exported: Export, built: Build) -> None:
         host.unit.reset()
         names = ["v.rail.z", "u.rail.z", "joints.rail.z.friction.smoothing", "solver.tolerance"]
         host.start(names, [0.1, 1.0, smoothing, 1e-3])
-        tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": smoothing})
+        tuned = kernel.replaced(parameters={"joints.rail.z.friction.smoothing": smoothing})
         drive = lambda t, q, v: np.array([1.0])  # noqa: E731
         wanted = integrate(tuned, [0.0], [0.1], 0.5, drive=drive, method="scipy:Radau", rtol=1e-9, output_step=0.5)
         found = run(host, 50, 0.01)

@@ -49,14 +49,14 @@ def start(kernel: Kernel) -> tuple[Array, Array]:
     """Home with the crank turning, closed."""
     robot = eomgen.load_robot("four_bar")
     q = np.array([robot.home[name] for name in kernel.coordinates])
-    J = kernel.constraint_jacobian(q)[:2, :]
+    J = kernel.functions.constraint_jacobian(q)[:2, :]
     v = np.array([RATE, *np.linalg.solve(J[:, 1:], -J[:, 0] * RATE)])
     return q, v
 
 
 def gap(kernel: Kernel, q: Array, v: Array) -> float:
-    rates = kernel.constraint_jacobian(q) @ v
-    return float(max(np.abs(kernel.constraint(q)).max(), np.abs(rates).max()))
+    rates = kernel.functions.constraint_jacobian(q) @ v
+    return float(max(np.abs(kernel.functions.constraint(q)).max(), np.abs(rates).max()))
 
 
 @pytest.mark.parametrize("version", VERSIONS)

@@ -260,7 +260,7 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
         u = np.zeros(kernel.n)
         for drive, at in zip(values["drives"], program((k + 0.5) * values["period"]), strict=True):
             u[drive["place"]] = at * drive["ratio"]
-        np.add.at(u, values["beside"], kernel.external_force(q, wrench))
+        np.add.at(u, values["beside"], kernel.functions.external_force(q, wrench))
         return u
 
     q, v = rolled(kernel, values, ticks, drives)

@@ -259,7 +259,7 @@ def follow(robot: Robot, kernel: Kernel, u: np.ndarray, duration: float, step: f
     for k in range(1, steps + 1):
         mujoco.mj_step(model, data)
         off = max(off, float(np.abs(data.qpos - q[k]).max()))
-        gap = max(gap, float(np.abs(kernel.constraint(np.array(data.qpos))).max()))
+        gap = max(gap, float(np.abs(kernel.functions.constraint(np.array(data.qpos))).max()))
     return off, gap, float(np.abs(q - q0).max())
 
 
@@ -315,8 +315,8 @@ def test_couplings_are_in_the_file(built: Build) -> None:
     kernel = built(robot.with_constraints(), "constraint", "settling")
     q = np.random.default_rng(0).uniform(-0.5, 0.5, kernel.n)
     model, data = forward(robot, q)
-    np.testing.assert_allclose(np.sort(data.efc_pos[:3]), np.sort(kernel.constraint(q)), atol=1e-12)
-    np.testing.assert_allclose(kernel.constraint(home_of(model)), 0.0, atol=1e-11)
+    np.testing.assert_allclose(np.sort(data.efc_pos[:3]), np.sort(kernel.functions.constraint(q)), atol=1e-12)
+    np.testing.assert_allclose(kernel.functions.constraint(home_of(model)), 0.0, atol=1e-11)
     stretch = q[4] - 0.5 * q[0] + 0.2
     np.testing.assert_allclose(data.qfrc_spring, [25.0 * stretch, 0.0, 0.0, 0.0, -50.0 * stretch, 0.0], atol=1e-11)
     assert [note for note in left_out(robot) if "belt" in note] == []

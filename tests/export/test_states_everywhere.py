@@ -239,7 +239,7 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     assert good == "1"
     assert float(z) == pytest.approx(v[-1, len(kernel.coordinates)], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in enumerate(kernel.augmented.velocities):
+    for place, name in enumerate(kernel.augmented.calls.coordinates):
         assert f" *   {place:3d}  {name}\n" in header
     names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
     assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = {len(kernel.coordinates)}" in names

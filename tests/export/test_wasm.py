@@ -183,7 +183,7 @@ def test_internal_states_stand_behind_coordinates(make: Callable[[], Robot], tmp
     assert tuple(description["internal_states"]) == kernel.internal_states
     if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
         assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.augmented.n - 1}
-        header = kernel.source("h")
+        header = kernel.raw.source("h")
         assert "j1.gamma: reference of position, rad; 5\n" in header
         assert "j2.motor: voltage, V; 9\n" in header
     else:

@@ -79,7 +79,9 @@ def test_parameters_by_simulations(seen: str) -> None:
     span = {"duration": 1.0, "samples": 300, "rtol": 1e-11, "atol": 1e-13}
     found = kernel.rollout(q, v, loads=loads, method="radau", **span)[0][:, kernel.coordinates.index(seen)]
     motion = motion_from_columns({"t": t, seen: found, "joint1.gamma.drive": u}, kernel.coordinates)
-    estimates = fit(far, motion, parameters=["joints.*.gamma.damping"], kernel=kernel.with_parameters(FAR)).estimates
+    estimates = fit(
+        far, motion, parameters=["joints.*.gamma.damping"], kernel=kernel.replaced(parameters=FAR)
+    ).estimates
     for i, c in ((1, 0.2), (2, 0.1), (3, 0.3)):
         assert estimates[f"joints.joint{i}.gamma.damping"].value == pytest.approx(c, rel=1e-6)
 
@@ -97,8 +99,8 @@ def closed_samples(kernel: eomgen.Kernel, guess: Array, free: list[str], t: Arra
     v = kernel.project_velocity(q, v, free)
     rest = [i for i in range(kernel.n) if i not in index]
     a[:, index] = motions[2]
-    J = kernel.constraint_jacobian(q)
-    missing = np.einsum("tmn,tn->tm", J, a) + kernel.constraint_bias(q, v)
+    J = kernel.functions.constraint_jacobian(q)
+    missing = np.einsum("tmn,tn->tm", J, a) + kernel.functions.constraint_bias(q, v)
     a[:, rest] -= np.einsum("tnm,tm->tn", np.linalg.pinv(J[:, :, rest], rcond=1e-10), missing)
     return q, v, a, np.asarray(kernel.inverse_dynamics(q, v, a))
 
@@ -594,10 +596,10 @@ def test_coordinates_are_those_of_the_generated_code(owner: str, links: tuple[st
     q, v, _ = motion()
     s, rows = pairs_of(robot)[owner, "mount"].deviations(kernel, q[:50])
     if owner == "loops":
-        values, jacobian = kernel.cut_forces(q[:50], v[:50]), kernel.cut_jacobian(q[:50])
+        values, jacobian = kernel.functions.cut_forces(q[:50], v[:50]), kernel.functions.cut_jacobian(q[:50])
     else:
         more = built(robot, "element_forces", "element_jacobian")
-        values, jacobian = more.element_forces(q[:50], v[:50]), more.element_jacobian(q[:50])
+        values, jacobian = more.functions.element_forces(q[:50], v[:50]), more.functions.element_jacobian(q[:50])
     np.testing.assert_allclose(s, np.asarray(values)[:, :, 0], atol=1e-14)
     np.testing.assert_allclose(rows, jacobian, atol=1e-13)
 

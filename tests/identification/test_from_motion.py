@@ -286,9 +286,9 @@ def test_a_measured_mechanism_closes() -> None:
     assert near[3] == ()
     for found, exact, size in zip(near, (q, v, a), (1e-3, 1e-2, 1e-1), strict=False):
         assert np.abs(found - exact).max() < size
-    J = kernel.constraint_jacobian(near[0])
-    assert np.abs(kernel.constraint(near[0])).max() < 1e-11
-    assert np.abs(np.einsum("tmn,tn->tm", J, near[2]) + kernel.constraint_bias(near[0], near[1])).max() < 1e-9
+    J = kernel.functions.constraint_jacobian(near[0])
+    assert np.abs(kernel.functions.constraint(near[0])).max() < 1e-11
+    assert np.abs(np.einsum("tmn,tn->tm", J, near[2]) + kernel.functions.constraint_bias(near[0], near[1])).max() < 1e-9
     with pytest.raises(InputError, match=r"'joint1\.gamma'.*'joint3\.gamma' move while what was measured does not"):
         closed_motion(kernel, model, (), *alone)
 

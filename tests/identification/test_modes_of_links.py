@@ -89,7 +89,7 @@ def driven(kernel: eomgen.Kernel, duration: float = 0.6, samples: int = 300) -> 
 
 @pytest.fixture(scope="module")
 def columns(kernel: eomgen.Kernel) -> dict[str, Any]:
-    return driven(kernel.with_parameters(TRUE))
+    return driven(kernel.replaced(parameters=TRUE))
 
 
 def some_of(kernel: eomgen.Kernel, columns: dict[str, Any], *names: str, noise: float = 0.0) -> MeasuredMotion:
@@ -108,7 +108,7 @@ def test_linear_fit(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
     assert found["arm.mode1"].stiffness.value == pytest.approx(330.0, rel=1e-3)
     assert found["arm.mode1"].damping.value == pytest.approx(0.25, rel=1e-2)
     assert found.parameters["links.arm.modes.1.stiffness"] == found.estimates["arm.mode1.stiffness"].value
-    assert kernel.with_parameters(found.parameters).parameters["links.arm.modes.1.damping"] > 0.24
+    assert kernel.replaced(parameters=found.parameters).parameters["links.arm.modes.1.damping"] > 0.24
 
 
 def test_unmeasured_modes_are_named(kernel: eomgen.Kernel, columns: dict[str, Any]) -> None:
@@ -173,7 +173,7 @@ def test_identify(built: Build) -> None:
     load = replace(described.link("load"), mass=0.62, com=(0.03, 0.01, 0.0))
     real = replace(described, links=tuple(load if x.name == "load" else x for x in described.links))
     real = with_parameters(real, {"slew.gamma.armature": 0.07, "slew.gamma.viscous": 0.3})
-    kernel = built(real, *KERNELS).with_parameters(TRUE)
+    kernel = built(real, *KERNELS).replaced(parameters=TRUE)
     motion = motion_from_columns(driven(kernel), kernel.coordinates)
     found = identify(described, motion, terms=("links", "rotors", "viscous", "modes"))
     values = dict(zip(found.base_names, found.base_values.tolist(), strict=True))

@@ -154,8 +154,8 @@ def test_a_chart_follows_one_state_and_many(example) -> None:  # type: ignore[no
     guesses = q + rng.uniform(-0.1, 0.1, (5, 3))
     v, a = rng.uniform(-1.0, 1.0, (2, 5, 3))
     many = chart.follow(guesses, v, a)
-    assert np.abs(kernel.constraint(many.q)).max() <= 1e-12
-    J, bias = kernel.constraint_jacobian(many.q), kernel.constraint_bias(many.q, many.v)
+    assert np.abs(kernel.functions.constraint(many.q)).max() <= 1e-12
+    J, bias = kernel.functions.constraint_jacobian(many.q), kernel.functions.constraint_bias(many.q, many.v)
     assert np.abs(np.einsum("tmn,tn->tm", J, many.v)).max() <= 1e-14
     assert np.abs(np.einsum("tmn,tn->tm", J, many.a) + bias).max() <= 1e-13
     assert np.array_equal(many.q[:, chart.rest], guesses[:, chart.rest])

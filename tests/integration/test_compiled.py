@@ -542,7 +542,9 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
     q[:, given], v[:, given] = whole.prescribed(0.0)[:2]
     atol = 10.0 ** rng.uniform(-9.0, -6.0, (states, 2 * n))
     kernels = [
-        whole.kernel.with_parameters({name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names})
+        whole.kernel.replaced(
+            parameters={name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names}
+        )
         for _ in range(states)
     ]
     loads = [input_signals(kernel.calls, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]

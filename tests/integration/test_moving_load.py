@@ -134,8 +134,8 @@ def test_a_diagonal_beside_constants_goes_down_as_long_as_no_motion_gives_energy
     """300 and 900 beside 240: the matrix that is scaled to 1 has the eigenvalue 1 - 240 / sqrt(270,000) = 0.538."""
     name = "links.upper.modes.1.stiffness"
     with pytest.raises(eomgen.InputError, match=rf"{name}.*138\.5"):
-        kernel.with_parameters({name: 138.0})
-    assert stiffness_matrix(kernel.with_parameters({name: 139.0}))[1, 1] == 139.0
+        kernel.replaced(parameters={name: 138.0})
+    assert stiffness_matrix(kernel.replaced(parameters={name: 139.0}))[1, 1] == 139.0
 
 
 @pytest.mark.parametrize("kernel", ["arm"], indirect=True)
@@ -155,7 +155,7 @@ def test_stiffness_of_analyses_is_that_of_forces(kernel: Kernel) -> None:
 @pytest.mark.parametrize("kernel", ["arm"], indirect=True)
 def test_frequencies_are_those_of_whole_matrices(kernel: Kernel) -> None:
     """Without weight, joints held: of M and K of the modes of both links."""
-    weightless = kernel.with_parameters({f"gravity.{axis}": 0.0 for axis in "xyz"})
+    weightless = kernel.replaced(parameters={f"gravity.{axis}": 0.0 for axis in "xyz"})
     found = eomgen.analysis.modes(arm().robot, kernel=weightless).frequencies
     modal = np.array(["mode" in name for name in kernel.coordinates])
     M = kernel.mass_matrix(np.zeros(kernel.n))[np.ix_(modal, modal)]

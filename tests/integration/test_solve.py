@@ -146,7 +146,9 @@ def test_a_wrench_acts_as_its_generalized_force(built: Build) -> None:
     options = {"method": "scipy:DOP853", "output_step": 0.05, "rtol": 1e-10}
     given = integrate(kernel, zero, zero, 0.3, wrench=wrench, **options)
     called = integrate(kernel, zero, zero, 0.3, wrench=lambda _t, _q, _v: wrench, **options)
-    as_drive = integrate(kernel, zero, zero, 0.3, drive=lambda _t, q, _v: kernel.external_force(q, wrench), **options)
+    as_drive = integrate(
+        kernel, zero, zero, 0.3, drive=lambda _t, q, _v: kernel.functions.external_force(q, wrench), **options
+    )
     assert (given.q == called.q).all()
     assert np.abs(given.q - as_drive.q).max() < 1e-9
     implicit = integrate(kernel, zero, zero, 0.3, wrench=wrench, method="scipy:Radau", output_step=0.05, rtol=1e-8)

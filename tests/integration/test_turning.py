@@ -171,7 +171,7 @@ def test_states_of_a_batch_turn_apart(built: Build) -> None:
     u[5] = 0.0
     for method in ("rk4", "implicit"):
         found = kernel.rollout(q, v, u, 1e-3, 2000, method=method, every=50)
-        shared = kernel.with_threads(2).rollout(q, v, u, 1e-3, 2000, method=method, every=50)
+        shared = kernel.replaced(threads=2).rollout(q, v, u, 1e-3, 2000, method=method, every=50)
         for together, other in zip(found, shared, strict=True):
             assert np.array_equal(together, other)
         for i in (0, 4, 5, 6, 36):
@@ -188,7 +188,7 @@ def test_steps_that_the_error_chooses(method: str, built: Build) -> None:
     q[0], v[0], q[5, 4] = Q0, V0, np.pi / 2
     how: dict[str, Any] = {"method": method, "duration": 3.0, "samples": 60, "rtol": 1e-6}
     found = kernel.rollout(q, v, np.zeros(6), **how)
-    shared = kernel.with_threads(2).rollout(q, v, np.zeros(6), **how)
+    shared = kernel.replaced(threads=2).rollout(q, v, np.zeros(6), **how)
     assert all(np.array_equal(x, y) for x, y in zip(found, shared, strict=True))
     for i in (0, 4, 5, 18):
         alone = kernel.rollout(q[i], v[i], np.zeros(6), **how)
@@ -358,12 +358,12 @@ def test_what_stays_as_it_is_described() -> None:
 @pytest.mark.soak
 def test_the_code_of_other_robots_knows_nothing_of_it(built: Build) -> None:
     kernel = built(held_body(), *INTEGRATED)
-    for text in (kernel.source("c"), kernel.source("h")):
+    for text in (kernel.raw.source("c"), kernel.raw.source("h")):
         assert "turned_setup" not in text
         assert "is_turned" not in text
     assert kernel.raw.turning == {}
-    assert "free_body_turned_setup" in built(free_body(), *INTEGRATED).source("h")
-    refused(UnknownNameError, "'free' has no 3-DOF rotation", kernel.with_turned, {"free"})
+    assert "free_body_turned_setup" in built(free_body(), *INTEGRATED).raw.source("h")
+    refused(UnknownNameError, "'free' has no 3-DOF rotation", kernel.parameters.turn, {"free"})
 
 
 def test_kernels_with_turned_joints_are_those_of_turned_placements(built: Build) -> None:
@@ -373,7 +373,8 @@ def test_kernels_with_turned_joints_are_those_of_turned_placements(built: Build)
     Q = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     moved = replace(robot, name="moved", joints=(replace(joint, placement=Placement(rotation=Q)),))
     kernel, other = built(robot, *INTEGRATED, "external_force"), built(moved, *INTEGRATED, "external_force")
-    kernel = kernel.with_turned({"free"})
+    kernel = kernel.replaced()
+    kernel.parameters.turn({"free"})
     rng = np.random.default_rng(2)
     q, v, u = rng.normal(size=(3, 5, 6))
     wrench = rng.normal(size=(5, 1, 6))
@@ -381,5 +382,5 @@ def test_kernels_with_turned_joints_are_those_of_turned_placements(built: Build)
     assert np.allclose(kernel.forward_dynamics(q, v, u), other.forward_dynamics(q, v, u), **near)
     assert np.allclose(kernel.inverse_dynamics(q, v, u), other.inverse_dynamics(q, v, u), **near)
     assert np.allclose(kernel.mass_matrix(q), other.mass_matrix(q), **near)
-    assert np.allclose(kernel.external_force(q, wrench), other.external_force(q, wrench), **near)
+    assert np.allclose(kernel.functions.external_force(q, wrench), other.functions.external_force(q, wrench), **near)
     assert np.allclose(kernel.residual_jacobian(q, v, u), other.residual_jacobian(q, v, u), **near)

@@ -40,7 +40,7 @@ def test_batches_are_single_states_to_the_bit(number: int, built: Build, figures
         found = kernel.rollout(q, v, m.u, 1e-5, 20, method=method, every=10)
         one = [kernel.rollout(q[i], v[i], m.u, 1e-5, 20, method=method, every=10) for i in range(11)]
         assert np.array_equal(found, np.swapaxes(one, 0, 1))
-        figures.at_most("gap after steps", float(np.abs(kernel.constraint(found[0])).max()), 1e-10)
+        figures.at_most("gap after steps", float(np.abs(kernel.functions.constraint(found[0])).max()), 1e-10)
         kernel.threads = 2
         assert np.array_equal(kernel.rollout(q, v, m.u, 1e-5, 20, method=method, every=10), found)
         kernel.threads = 1
@@ -63,7 +63,7 @@ def test_steps_of_radau(number: int, dtype: str, built: Build) -> None:
     other = kernel.rollout(q, v, u, method="tsit5", **how)
     for x, y in zip(found, other, strict=True):
         assert np.abs(x - y).max() <= 100.0 * rtol * max(1.0, float(np.abs(y).max()))
-    assert np.abs(kernel.constraint(found[0])).max() <= (1e-10 if dtype == "float64" else 1e-4)
+    assert np.abs(kernel.functions.constraint(found[0])).max() <= (1e-10 if dtype == "float64" else 1e-4)
 
 
 @pytest.mark.soak
@@ -77,7 +77,9 @@ def test_single_precision(number: int, built: Build, figures: Figures) -> None:
     off = float(np.abs(kernel.forward_dynamics(q, v, u) - expected).max() / np.abs(expected).max())
     figures.at_most("accelerations of float32", off, 0.05)
     moved = kernel.rollout(q, v, u, 1e-5, 5)[0]
-    figures.at_most("gap after steps of float32", float(np.abs(double.constraint(moved[1:].astype(float))).max()), 1e-5)
+    figures.at_most(
+        "gap after steps of float32", float(np.abs(double.functions.constraint(moved[1:].astype(float))).max()), 1e-5
+    )
 
 
 @pytest.mark.parametrize(("steps", "angle", "within"), [(10_000, 0.5, 1e-8), (200_000, 900.0, 1e-5)])
@@ -90,7 +92,7 @@ def test_energy_of_a_driven_four_bar(steps: int, angle: float, within: float, bu
     turned = qs[:, 0] - q[0]
     assert turned[-1] > angle
     assert np.abs(grown - 20.0 * turned).max() <= within * 20.0 * turned[-1]
-    assert np.abs(kernel.constraint(qs)).max() <= 1e-13
+    assert np.abs(kernel.functions.constraint(qs)).max() <= 1e-13
 
 
 def test_a_state_that_is_open_is_closed_by_the_first_step_or_named(built: Build) -> None:
@@ -104,7 +106,7 @@ def test_a_state_that_is_open_is_closed_by_the_first_step_or_named(built: Build)
     with pytest.raises(LoopError, match=r"is opening in state 1: joint4\.[xy] is left with \S+ m/s"):
         kernel.forward_dynamics(q, np.array([0 * q, [0.1, 0.0, 0.0]]), 0 * q)
     moved = kernel.rollout(off, 0 * q, 0 * q, 1e-4, 1)[0][1]
-    assert np.abs(kernel.constraint(moved)).max() <= 1e-13
+    assert np.abs(kernel.functions.constraint(moved)).max() <= 1e-13
     assert np.abs(kernel.rollout(off, 0 * q, 0 * q, 1e-4, 1, method="implicit")[0][1] - moved).max() < 1e-4
     with pytest.raises(IntegrationStopped, match="loop joint4 does not stay closed at joint4"):
         kernel.rollout(q, 0 * q, [1e9, 0.0, 0.0], 1e-2, 50)
@@ -123,7 +125,7 @@ def test_energy_of_redundant_mechanisms(name: str, built: Build) -> None:
     energy = kernel.energy(qs, vs)
     assert np.ptp(energy[:, 0]) > (10.0 if name == "bricard" else 0.0)
     assert np.abs(energy.sum(axis=1) - energy[0].sum()).max() <= 1e-8 * np.ptp(energy[:, 0])
-    assert np.abs(kernel.constraint(qs)).max() <= (1e-13 if name == "bricard" else 1e-10)
+    assert np.abs(kernel.functions.constraint(qs)).max() <= (1e-13 if name == "bricard" else 1e-10)
 
 
 def test_a_first_step_from_an_open_state_does_not_stop_the_mechanism(built: Build) -> None:
@@ -133,7 +135,7 @@ def test_a_first_step_from_an_open_state_does_not_stop_the_mechanism(built: Buil
     home = np.array([robot.home[name] for name in kernel.coordinates])
     v = kernel.project_velocity(home, [2.0, 0.0, 0.0], ["joint1.gamma"])
     qs, vs = kernel.rollout(home + [0.0, 1e-4, 0.0], v, np.zeros(3), 1e-7, 1)
-    assert np.abs(kernel.constraint(qs[1])).max() <= 1e-10
+    assert np.abs(kernel.functions.constraint(qs[1])).max() <= 1e-10
     assert np.abs(vs[1] - v).max() <= 1e-2
 
 

@@ -26,6 +26,7 @@ from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
+from tests.support.methods import method_of
 from tests.support.refusals import refused
 
 pytestmark = [pytest.mark.usefixtures("unoptimised")]
@@ -58,7 +59,7 @@ def test_many_guesses_close_as_each_alone_does(four_bar: eomgen.Kernel) -> None:
     guesses = np.array([[0.5, 0.2, 1.2], [1.0, -0.5, 1.0], [2.0, -0.3, 1.9], [-2.5, 2.0, 1.0]])
     found = four_bar.assemble(guesses, ["joint1.gamma"])
     assert found.shape == guesses.shape
-    assert np.abs(four_bar.constraint(found)).max() <= 1e-12
+    assert np.abs(four_bar.functions.constraint(found)).max() <= 1e-12
     assert (found[:, 0] == guesses[:, 0]).all()
     oracle = ClosedLoops(four_bar)
     for one, guess in zip(found, guesses, strict=True):
@@ -67,7 +68,7 @@ def test_many_guesses_close_as_each_alone_does(four_bar: eomgen.Kernel) -> None:
     rates = four_bar.project_velocity(found, [1.0, 2.0, 3.0])
     for one, q in zip(rates, found, strict=True):
         assert np.abs(oracle.consistent_velocities(q, [1.0, 2.0, 3.0]) - one).max() <= 1e-12
-        assert np.abs(four_bar.constraint_jacobian(q) @ one).max() <= 1e-13
+        assert np.abs(four_bar.functions.constraint_jacobian(q) @ one).max() <= 1e-13
 
 
 def test_both_ways_to_close_a_four_bar(four_bar: eomgen.Kernel) -> None:
@@ -75,7 +76,7 @@ def test_both_ways_to_close_a_four_bar(four_bar: eomgen.Kernel) -> None:
     guess = [1.0, -0.5, 1.4]
     found = four_bar.assemble(guess, ["joint1.gamma"], roots=5)
     assert found.shape == (2, 3)
-    assert np.abs(four_bar.constraint(found)).max() <= 1e-12
+    assert np.abs(four_bar.functions.constraint(found)).max() <= 1e-12
     assert np.abs(found[0] - four_bar.assemble(guess, ["joint1.gamma"])).max() <= 1e-9
     end = 0.2 * np.array([np.cos(1.0), np.sin(1.0)])
     line = np.arctan2(*(end - [0.5, 0.0])[::-1])
@@ -87,9 +88,9 @@ def test_closing_in_single_precision() -> None:
     kernel = eomgen.build(eomgen.load_robot("four_bar"), kernels=KERNELS, dtype="float32")
     q = kernel.assemble(np.float32([0.5, 0.25, 1.25]), ["joint1.gamma"])
     assert q.dtype == np.float32
-    assert np.abs(kernel.constraint(q)).max() <= 2e-6
+    assert np.abs(kernel.functions.constraint(q)).max() <= 2e-6
     v = kernel.project_velocity(q, np.float32([1.0, 0.0, 0.0]), ["joint1.gamma"])
-    assert np.abs(kernel.constraint_jacobian(q) @ v).max() <= 1e-5
+    assert np.abs(kernel.functions.constraint_jacobian(q) @ v).max() <= 1e-5
     assert redundancy(kernel, q).mobility == 1
 
 
@@ -193,7 +194,7 @@ def test_mobility_in_words(found: Mobility, lines: list[str]) -> None:
 
 def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) -> None:
     q = closed_equilibrium(four_bar, [-1.5, 0.8, -0.9])
-    assert np.abs(four_bar.constraint(q)).max() <= 1e-12
+    assert np.abs(four_bar.functions.constraint(q)).max() <= 1e-12
     chart, zero = Chart(four_bar, q), np.zeros(3)
     slope = four_bar.residual(q, zero, zero, zero) @ chart.tangent_basis(chart.assemble(q[np.newaxis])[1])[0]
     assert np.abs(slope).max() <= 1e-8  # of potential energy along the mechanism's way, N m
@@ -243,7 +244,7 @@ def test_home_closes(name: str, built: Build) -> None:
     model = build_model(robot)
     kernel = built(robot, "constraint")
     q = np.array(model.home)
-    assert np.abs(kernel.constraint(q)).max() <= 1e-15
+    assert np.abs(kernel.functions.constraint(q)).max() <= 1e-15
     assert robot.driven is not None
     assert len(model.driven) == DRIVES.get(name, 1)
 
@@ -254,7 +255,7 @@ def test_home_of_an_elastic_mechanism(built: Build) -> None:
     model = build_model(robot)
     assert (model.constraints, len(model.cut_laws), len(model.driven)) == ((), 36, 6)
     kernel = built(robot, "cut_poses")
-    found = kernel.cut_forces(np.array(model.home), np.zeros(model.size)).reshape(6, 6, 2)
+    found = kernel.functions.cut_forces(np.array(model.home), np.zeros(model.size)).reshape(6, 6, 2)
     assert np.abs(found[:, :3]).max() <= 1e-7
 
 
@@ -270,11 +271,11 @@ def test_placements_of_a_cut_joint_can_be_tuned(built: Build) -> None:
     moved = replace(robot, loops=(replace(robot.loops[0], placements=turned),))
     kernel, wanted = built(tuned, *PLACED), built(moved, *PLACED)
     q = np.array([0.7, -0.4, 1.2])
-    assert np.abs(kernel.constraint(q) - wanted.constraint(q)).max() > 0.05
+    assert np.abs(kernel.functions.constraint(q) - wanted.functions.constraint(q)).max() > 0.05
     kernel.parameters["loops.joint4.placements.0.xyz.0"] = 0.3
     kernel.parameters["loops.joint4.placements.0.xyz.2"] = 0.1
     for name in PLACED:
-        assert getattr(kernel, name)(q) == pytest.approx(getattr(wanted, name)(q), abs=1e-14)
+        assert method_of(kernel, name)(q) == pytest.approx(method_of(wanted, name)(q), abs=1e-14)
 
 
 def parallelogram() -> Robot:

@@ -19,6 +19,7 @@ from tests.oracles import closed_loops as oracle
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS as LOOP_KERNELS
+from tests.support.methods import method_of
 from tests.support.random_robots import Array, random_state
 from tests.support.refusals import refused
 
@@ -118,7 +119,7 @@ def test_drives_and_reactions_are_those_of_singular_values(
         for i in range(5):
             given = None if wrench is None else wrench[i]
             tree = kernel.inverse_dynamics(q[i], v[i], a[i], wrench=given, cut=True)
-            J, size = kernel.constraint_jacobian(q[i]), np.abs(tree).max()
+            J, size = kernel.functions.constraint_jacobian(q[i]), np.abs(tree).max()
             expected, multipliers, left = oracle.least_drives(J, tree, drives_of(kernel))
             assert left <= 1e-12 * size
             assert np.abs(u[i] - expected).max() <= 1e-11 * max(size, np.abs(expected).max())
@@ -184,7 +185,7 @@ def test_what_is_no_motion_of_the_mechanism_is_refused(built: Build) -> None:
             call(q, v + away, a)
         message = rf"{title}opens at the accelerations: joint4\.. is left with 0\.\d+ m/s\^2; allowed: those .*{tree}$"
         caught = refused(LoopError, message, call, q, v, a + away)
-        J = kernel.constraint_jacobian(q) @ away
+        J = kernel.functions.constraint_jacobian(q) @ away
         assert caught.loop == "joint4"
         assert min(abs(abs(J) - caught.gap)) <= 1e-9
         refused(LoopError, rf"{title}opens at the accelerations in state 1: ", call, q, v, [a, a + away])
@@ -199,7 +200,7 @@ def test_drives_that_cannot_make_the_motion_are_refused(built: Build) -> None:
     message += r"allowed: drives that hold all 1 degrees of freedom, or cut=True for the open tree$"
     e = refused(LoopError, message, kernel.inverse_dynamics, q, v, a)
     needed = kernel.inverse_dynamics(q[0], v[0], a[0], cut=True)
-    left = oracle.least_drives(kernel.constraint_jacobian(q[0]), needed, [])[2]
+    left = oracle.least_drives(kernel.functions.constraint_jacobian(q[0]), needed, [])[2]
     assert 0.5 * left <= e.gap <= 1.0001 * left  # as a whole, and its largest part
     with pytest.raises(LoopError, match=r"^reactions: .* cannot make this motion: "):
         kernel.reactions(q[0], v[0], a[0], wrench=np.zeros((3, 6)))
@@ -231,11 +232,11 @@ def test_elastic_coordinates_of_a_cut_bear_what_their_laws_say(elastic: tuple[st
         if name == "reactions" or not kernel.constraints:
             assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
         else:  # drives at all joints: one of many ways
-            J = kernel.constraint_jacobian(q)
+            J = kernel.functions.constraint_jacobian(q)
             assert np.abs(oracle.least_drives(J, expected, drives_of(kernel))[0] - found).max() <= 1e-10
     gap = kernel.loop_coordinates(q)[0, 0] - 0.01
     rate = np.diff(kernel.loop_coordinates([q - 1e-6 * v, q + 1e-6 * v])[:, 0, 0])[0] / 2e-6
-    R = kernel.cut_poses(q)[0, :3, :3]
+    R = kernel.functions.cut_poses(q)[0, :3, :3]
     assert abs((R @ cut[0, :3])[0] + 3e3 * gap + 2.0 * rate) <= 1e-7
 
 
@@ -248,7 +249,7 @@ def test_coupled_coordinates_share_their_drives(built: Build) -> None:
     u = np.array([3.0, -1.0, 0.0])
     a = kernel.forward_dynamics(q, v, u)
     found, tree = kernel.inverse_dynamics(q, v, a), kernel.inverse_dynamics(q, v, a, cut=True)
-    assert np.abs(found - oracle.least_drives(kernel.constraint_jacobian(q), tree, [0, 1])[0]).max() <= 1e-12
+    assert np.abs(found - oracle.least_drives(kernel.functions.constraint_jacobian(q), tree, [0, 1])[0]).max() <= 1e-12
     assert np.abs(found - u).max() <= 1e-11
     for place, x in enumerate(kernel.forward_dynamics_jacobian(q, v, u)):
         expected = differences(kernel, [q, v, u], place, 1e-5)
@@ -260,7 +261,7 @@ def test_coupled_coordinates_share_their_drives(built: Build) -> None:
 def test_coordinates_of_cut_joints(built: Build) -> None:
     kernel = built(eomgen.load_robot("bennett"), *CLOSURE)
     q = np.random.default_rng(3).uniform(-1.5, 1.5, (7, 3))
-    for found, poses in zip(kernel.loop_coordinates(q), kernel.cut_poses(q), strict=True):
+    for found, poses in zip(kernel.loop_coordinates(q), kernel.functions.cut_poses(q), strict=True):
         (x, y, z, alpha, beta, gamma), pose = found[0], poses[0]
         (a, b, c), (s, t, u) = np.cos([alpha, beta, gamma]), np.sin([alpha, beta, gamma])
         R = np.array([[1, 0, 0], [0, a, -s], [0, s, a]]) @ [[b, 0, t], [0, 1, 0], [-t, 0, b]]
@@ -306,7 +307,7 @@ def test_derivatives_are_those_of_the_smooth_extension(built: Build) -> None:
             expected = differences(kernel, [q[i], v[i], u[i]], place, 1e-5)
             assert np.abs(found - expected).max() <= 1e-8 * max(1.0, np.abs(found).max())
             assert np.array_equal(found, many[i])
-    J = kernel.constraint_jacobian(q)
+    J = kernel.functions.constraint_jacobian(q)
     assert np.abs(np.einsum("tmn,tnk->tmk", J, batch[2])).max() <= 1e-12  # no drive opens a loop
 
 
@@ -405,8 +406,8 @@ def test_an_offset_in_a_loop_is_a_turned_placement(built: Build) -> None:
     state = random_state(robot, rng)
     q, v = state.q, state.v
     for name in ("constraint", "constraint_jacobian", "cut_poses"):
-        assert np.abs(getattr(a, name)(q) - getattr(b, name)(q)).max() <= 1e-14
-    assert np.abs(a.constraint_bias(q, v) - b.constraint_bias(q, v)).max() <= 1e-13
+        assert np.abs(method_of(a, name)(q) - method_of(b, name)(q)).max() <= 1e-14
+    assert np.abs(a.functions.constraint_bias(q, v) - b.functions.constraint_bias(q, v)).max() <= 1e-13
 
 
 @pytest.mark.parametrize(("name", "driven"), [("four_bar", ["joint3.gamma"]), ("bennett", ["joint1.gamma"])])

@@ -82,7 +82,7 @@ def states(other: eomgen.Kernel, rng: np.random.Generator) -> tuple[Array, Array
     """A state of the second linkage with its joint a little out of place, and the same one of the first."""
     guess = np.concatenate([[0.5, 0.13], 1e-3 * rng.normal(size=3), 2e-2 * rng.normal(size=2), [1.2]])
     q = closed(other, guess)
-    J = other.constraint_jacobian(q)
+    J = other.functions.constraint_jacobian(q)
     rates = rng.normal(size=8)
     v = rates - np.linalg.lstsq(J, J @ rates, rcond=None)[0]
     R = other.frame_pose(q, "rocker")[:3, :3]
@@ -92,9 +92,9 @@ def states(other: eomgen.Kernel, rng: np.random.Generator) -> tuple[Array, Array
 
 def closed(kernel: eomgen.Kernel, q: Array) -> Array:
     for _ in range(20):
-        J, g = kernel.constraint_jacobian(q), kernel.constraint(q)
+        J, g = kernel.functions.constraint_jacobian(q), kernel.functions.constraint(q)
         q = q - np.linalg.lstsq(J, g, rcond=None)[0]
-    assert np.abs(kernel.constraint(q)).max() < 1e-13
+    assert np.abs(kernel.functions.constraint(q)).max() < 1e-13
     return q
 
 
@@ -147,7 +147,7 @@ def test_an_implicit_step_is_the_linear_system(built: Build) -> None:
     (q, v), u, h = AT, np.array([1.0, 0.4, 0.0]), 1e-3
 
     def e(q: Array) -> Array:
-        X = kernel.cut_poses(q)[0]
+        X = kernel.functions.cut_poses(q)[0]
         return np.array([*X[:3, 3], np.arctan2(-X[1, 2], X[2, 2]), np.arcsin(X[0, 2])])
 
     J = np.transpose([(e(q + 1e-6 * d) - e(q - 1e-6 * d)) / 2e-6 for d in np.eye(3)])
@@ -190,7 +190,7 @@ def test_a_rigid_gear_without_loops(built: Build) -> None:
     ways = np.array([1.0, -2.0])
     assert np.allclose(a, ways * (ways @ force) / (ways @ M @ ways), rtol=1e-12)
     lam = kernel.constraint_forces(q, np.zeros(2), u)
-    assert np.allclose(M @ a, force + kernel.constraint_jacobian(q).T @ lam, rtol=1e-12, atol=1e-12)
+    assert np.allclose(M @ a, force + kernel.functions.constraint_jacobian(q).T @ lam, rtol=1e-12, atol=1e-12)
     with pytest.raises(eomgen.errors.LoopError, match=r"gear is open: gear is left with 0\.1 rad"):
         kernel.forward_dynamics(q + [0.0, 0.1], np.zeros(2), u)
     led = built(robot)
@@ -210,7 +210,7 @@ def test_an_elastic_gear_with_backlash_and_a_ratio_that_is_tuned(built: Build) -
     u, v = np.zeros(2), np.array([0.1, 0.0])
 
     def torque(q: Array) -> Array:
-        bare = kernel.with_parameters({"couplings.gear.stiffness": 0.0, "couplings.gear.damping": 0.0})
+        bare = kernel.replaced(parameters={"couplings.gear.stiffness": 0.0, "couplings.gear.damping": 0.0})
         return kernel.generalized_force(q, v) - bare.generalized_force(q, v)
 
     inside, beyond = np.array([0.3, -0.5]), np.array([0.3, -0.45])
@@ -226,12 +226,12 @@ def test_forces_and_rows_of_cut_joints(built: Build) -> None:
     kernel = built(linkages()[0])
     assert kernel.cut_laws == tuple(f"cut.{name}" for name in COORDINATES)
     q, v = AT
-    found, rows = kernel.cut_forces(q, v), kernel.cut_jacobian(q)
-    pose = kernel.cut_poses(q)[0]
+    found, rows = kernel.functions.cut_forces(q, v), kernel.functions.cut_jacobian(q)
+    pose = kernel.functions.cut_poses(q)[0]
     assert np.allclose(found[:3, 0], pose[:3, 3], atol=1e-15)
     on_second = -found[:, 1].reshape(2, 3) @ pose[:3, :3]  # one angle alone is not 0
     assert np.allclose(kernel.loop_reactions(q, v, np.zeros_like(v))[0], on_second.ravel())
-    bare = kernel.with_parameters(dict.fromkeys([x for x in kernel.parameters if x.startswith("loops")], 1e-9))
+    bare = kernel.replaced(parameters=dict.fromkeys([x for x in kernel.parameters if x.startswith("loops")], 1e-9))
     assert np.allclose(-rows.T @ found[:, 1], kernel.generalized_force(q, v) - bare.generalized_force(q, v), atol=1e-6)
     stiffness, damping = line_rates(kernel, q)
     assert np.allclose(stiffness, stiffness.T)
@@ -365,5 +365,5 @@ def test_states_at_the_pole(built: Build) -> None:
     with pytest.raises(eomgen.errors.SingularError, match=rf"forward_dynamics: {said}; allowed: poses beside it"):
         kernel.forward_dynamics([0.0], [0.1], [0.0])
     with pytest.raises(eomgen.errors.SingularError, match=rf"cut_forces: {said} in state \(1, 0\);"):
-        kernel.cut_forces(np.array([[[0.3], [0.2]], [[0.0], [0.1]]]), np.zeros(1))
+        kernel.functions.cut_forces(np.array([[[0.3], [0.2]], [[0.0], [0.1]]]), np.zeros(1))
     assert np.isfinite(kernel.forward_dynamics([1e-6], [0.1], [0.0])).all()

@@ -254,7 +254,7 @@ def test_a_platform_takes_a_pose() -> None:
     pose[:3, :3], pose[:3, 3] = turn, [0.05, -0.04, 1.15]
     q = inverse_kinematics(kernel, pose, robot=robot)
     assert np.abs(kernel.frame_pose(q, "tcp") - pose).max() < 1e-10
-    assert np.abs(kernel.constraint(q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(q)).max() < 1e-11
     legs = [kernel.coordinates.index(name) for name in robot.driven or ()]
     low = tuple(
         replace(x, limits=(1.0, float(q[legs].max()) - 0.01)) if x.name.startswith("leg") else x for x in robot.joints
@@ -262,7 +262,7 @@ def test_a_platform_takes_a_pose() -> None:
     with pytest.raises(ReachError, match=r"gets as near as .* mm and .* deg; .*leg\d\.z is at its limit") as caught:
         inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))
     assert caught.value.q[legs].max() <= q[legs].max() - 0.01 + 1e-9
-    assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(caught.value.q)).max() < 1e-11
     pose[2, 3] = 9.0
     with pytest.raises(ReachError, match=r"gets as near as|loops do not close|not within"):
         inverse_kinematics(kernel, pose, robot=replace(robot, joints=low))

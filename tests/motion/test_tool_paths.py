@@ -267,7 +267,7 @@ def test_a_platform_keeps_its_orientation() -> None:
     wanted = Rotation.from_euler("y", (0.1 * s)[:, np.newaxis]).as_matrix()
     assert np.abs(pose[:, :3, :3] - wanted).max() < 1e-8
     assert np.abs(pose[:, :3, 3] - ends[0] - s[:, np.newaxis] * np.subtract(*ends[::-1])).max() < 1e-8
-    assert np.abs(kernel.constraint(q)).max() < 1e-8
+    assert np.abs(kernel.functions.constraint(q)).max() < 1e-8
     there = inverse_kinematics(kernel, pose[-1], robot=robot, guess=guess)
     assert np.abs(there - q[-1]).max() < 1e-7
 

@@ -95,7 +95,7 @@ class ClosedLoops:
         """
         q = state_vector("q_guess", q_guess, self.kernel.coordinates)
         free = self._free(held)
-        g: Array = self.kernel.constraint(q)
+        g: Array = self.kernel.functions.constraint(q)
         damping = 1e-3
         for _ in range(300):
             gap = float(np.linalg.norm(g))
@@ -103,7 +103,7 @@ class ClosedLoops:
                 break
             trial = q.copy()
             trial[free] += self._closing_step(q, g, free, damping * gap)
-            found = self.kernel.constraint(trial)
+            found = self.kernel.functions.constraint(trial)
             if np.linalg.norm(found) < gap:
                 q, g, damping = trial, found, max(0.2 * damping, 1e-12)
             else:
@@ -114,7 +114,7 @@ class ClosedLoops:
         return q
 
     def _closing_step(self, q: Array, g: Array, free: NDArray[np.bool_], damping: float) -> Array:
-        J = self.kernel.constraint_jacobian(q)[:, free]
+        J = self.kernel.functions.constraint_jacobian(q)[:, free]
         size = J.shape[1]
         damped = np.vstack([J, np.sqrt(damping) * np.eye(size)])
         step: Array = np.linalg.lstsq(damped, np.concatenate([-g, np.zeros(size)]), rcond=None)[0]
@@ -122,7 +122,7 @@ class ClosedLoops:
 
     def _refuse_turned_over(self, q: Array) -> None:
         """Products of axes vanish for opposite axes, too."""
-        for (name, kind), pose in zip(self.kernel.loops.items(), self.kernel.cut_poses(q), strict=True):
+        for (name, kind), pose in zip(self.kernel.loops.items(), self.kernel.functions.cut_poses(q), strict=True):
             terms = JOINT_TYPES[kind].upright
             if terms and sum(factor * pose[i, j] for factor, i, j in terms) <= 0.0:
                 raise LoopError(
@@ -148,7 +148,7 @@ class ClosedLoops:
         q, v = (state_vector(label, x, self.kernel.coordinates) for label, x in (("q", q), ("v_guess", v_guess)))
         self.refuse_open(q, np.zeros_like(v))
         free = self._free(held)
-        J = self.kernel.constraint_jacobian(q)
+        J = self.kernel.functions.constraint_jacobian(q)
         moving: Array = v.copy()
         for _ in range(2 if free.any() else 0):  # the second time for round-off
             moving[free] -= RankedFactors(J[:, free], *self._root(q, free)).smallest(J @ moving)
@@ -186,7 +186,7 @@ class ClosedLoops:
             self.refuse_open(q, v)
         a, multipliers, factors = self.solve(q, v, u, wrench, baumgarte, rank)
         if not baumgarte and not self._moving.all():
-            J, bias = self.kernel.constraint_jacobian(q), self.kernel.constraint_bias(q, v)
+            J, bias = self.kernel.functions.constraint_jacobian(q), self.kernel.functions.constraint_bias(q, v)
             self._refuse_opening(a, J, bias, "opens at the prescribed accelerations", "others")
         return LoopDynamics(a, multipliers, self._redundancy(factors))
 
@@ -195,10 +195,10 @@ class ClosedLoops:
     ) -> tuple[Array, Array, RankedFactors]:
         """Accelerations, multipliers and factors like ``forward_dynamics``, without the cost of its report."""
         kernel = self.kernel
-        J = kernel.constraint_jacobian(q)
-        wanted = -kernel.constraint_bias(q, v)
+        J = kernel.functions.constraint_jacobian(q)
+        wanted = -kernel.functions.constraint_bias(q, v)
         if baumgarte:
-            wanted -= baumgarte * (2.0 * (J @ v) + baumgarte * kernel.constraint(q))
+            wanted -= baumgarte * (2.0 * (J @ v) + baumgarte * kernel.functions.constraint(q))
         free = self._moving
         a = np.where(free, 0.0, u)
         factors = self._factors(q, J, rank)
@@ -231,8 +231,10 @@ class ClosedLoops:
         kernel = self.kernel
         q, v, a = (state_vector(label, x, kernel.coordinates) for label, x in zip("qva", (q, v, a), strict=True))
         self.refuse_open(q, v)
-        J = kernel.constraint_jacobian(q)
-        self._refuse_opening(a, J, kernel.constraint_bias(q, v), "opens at the accelerations", "those of its motion")
+        J = kernel.functions.constraint_jacobian(q)
+        self._refuse_opening(
+            a, J, kernel.functions.constraint_bias(q, v), "opens at the accelerations", "those of its motion"
+        )
         names = self._driven(driven)
         needed = kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)
         u, multipliers, left = least_drives(J, needed, [kernel.coordinates.index(name) for name in names])
@@ -269,7 +271,7 @@ class ClosedLoops:
     def redundancy(self, q: ArrayLike) -> Redundancy:
         """Rank of the constraint at q, (n,), where prescribed coordinates do not move, and what is redundant."""
         q = state_vector("q", q, self.kernel.coordinates)
-        return self._redundancy(self._factors(q, self.kernel.constraint_jacobian(q)))
+        return self._redundancy(self._factors(q, self.kernel.functions.constraint_jacobian(q)))
 
     def settled(self, q: Array, v: Array, rank: int) -> tuple[Array, Array, int]:
         """The nearest state, in the kinetic metric of q, that is closed and stays so; and its rank.
@@ -284,7 +286,7 @@ class ClosedLoops:
         free, root = self._moving, self._root(q)
         q, v = q.copy(), v.copy()
         for _ in range(10):
-            g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
+            g, J = self.kernel.functions.constraint(q), self.kernel.functions.constraint_jacobian(q)
             factors = RankedFactors(J[:, free], *root, rank)
             if np.abs(g).max() <= CLOSED:
                 v[free] -= factors.smallest(J @ v)
@@ -294,7 +296,7 @@ class ClosedLoops:
 
     def refuse_open(self, q: Array, v: Array) -> None:
         """LoopError unless the state, (n,) each, is closed and stays so, up to 1e-9."""
-        g, rates = self.kernel.constraint(q), self.kernel.constraint_jacobian(q) @ v
+        g, rates = self.kernel.functions.constraint(q), self.kernel.functions.constraint_jacobian(q) @ v
         if np.abs(g).max() > OPEN:
             raise self._open(g, "is open", "q of consistent_positions")
         if np.abs(rates).max() > OPEN * max(1.0, np.abs(v).max()):

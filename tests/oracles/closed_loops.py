@@ -33,7 +33,7 @@ def cut_wrenches(kernel: Kernel, q: Array, multipliers: Array) -> Array:
     """Wrenches of the cut joints on their second links, (loops, 6), in the cut frames there."""
     values = iter(multipliers)
     result = np.zeros((len(kernel.loops), 6))
-    for row, kind, pose in zip(result, kernel.loops.values(), kernel.cut_poses(q), strict=True):
+    for row, kind, pose in zip(result, kernel.loops.values(), kernel.functions.cut_poses(q), strict=True):
         R = pose[:3, :3]
         for part in CUTS[kind]:
             value = next(values)
@@ -67,16 +67,16 @@ def closed_state(kernel: Kernel, guess: Array, held: Sequence[int], rng: np.rand
     """Coordinates near a guess, of which some stay, and random rates that keep the loops closed."""
     q, free = np.array(guess, float), [i for i in range(kernel.n) if i not in held]
     for _ in range(100):
-        g = kernel.constraint(q)
+        g = kernel.functions.constraint(q)
         if np.abs(g).max() <= 1e-13:
             break
-        q[free] -= np.linalg.lstsq(kernel.constraint_jacobian(q)[:, free], g, rcond=RANK)[0]
-    assert np.abs(kernel.constraint(q)).max() <= 1e-11
+        q[free] -= np.linalg.lstsq(kernel.functions.constraint_jacobian(q)[:, free], g, rcond=RANK)[0]
+    assert np.abs(kernel.functions.constraint(q)).max() <= 1e-11
     return q, onto_closed(kernel, q, rng.normal(size=kernel.n))
 
 
 def onto_closed(kernel: Kernel, q: Array, v: Array) -> Array:
     """The rates next to others that keep the loops closed."""
-    J = kernel.constraint_jacobian(q)
+    J = kernel.functions.constraint_jacobian(q)
     found: Array = v - np.linalg.lstsq(J, J @ v, rcond=RANK)[0]
     return found

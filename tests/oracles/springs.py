@@ -167,7 +167,7 @@ def implicit_step(
             for key in ("stiffness", "damping"))  # fmt: skip
     A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
     right = u - kernel.bias_force(q, v) + kernel.generalized_force(q, v) - dt * k * v
-    arms, pairs = kernel.spring_jacobian(q), kernel.spring_forces(q, v)
+    arms, pairs = kernel.functions.spring_jacobian(q), kernel.functions.spring_forces(q, v)
     for spring, arm, (length, now) in zip(robot.springs, arms, pairs, strict=True):
         rate, h = float(arm @ v), 1e-6
         e = length + dt * rate

@@ -170,7 +170,7 @@ def test_springs_are_as_long_as_the_kernel_says(robot: Robot, result: Simulation
     ends = spring_lines(robot, link_poses(robot, motion.coordinates, motion.q))
     lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     q, zero = motion.q[::20], np.zeros_like(motion.q[::20])
-    assert np.abs(kernel.spring_forces(q, zero)[..., 0] - lengths[::20]).max() < 1e-12
+    assert np.abs(kernel.functions.spring_forces(q, zero)[..., 0] - lengths[::20]).max() < 1e-12
 
 
 @pytest.mark.soak

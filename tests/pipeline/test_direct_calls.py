@@ -28,7 +28,7 @@ CALLS = """
     import one_link
     kernel, q = one_link.kernel, np.array([0.2, 0.5])
     found = [kernel.mass_matrix(q).tolist() for _ in range(2)]
-    print(json.dumps([kernel.is_direct, type(kernel._bound['mass_matrix']).__name__, *found]))
+    print(json.dumps([kernel.functions.is_direct, type(kernel._bound['mass_matrix']).__name__, *found]))
 """
 BUILDS = """
     import json, os, sys
@@ -63,7 +63,7 @@ def test_a_forked_process_calls() -> None:
         os.write(write, kernel.mass_matrix(q).tobytes())
         os._exit(0)
     status = os.wait()[1]
-    print(json.dumps([kernel.is_direct, status, os.read(read, 1000) == kernel.mass_matrix(q).tobytes()]))
+    print(json.dumps([kernel.functions.is_direct, status, os.read(read, 1000) == kernel.mass_matrix(q).tobytes()]))
     """
     assert answer(python(BUILDS + code)) == [True, 0, True]
 
@@ -87,7 +87,7 @@ def test_other_interpreters_of_a_process() -> None:
         import eomgen
         kernel = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",))
         kernel.mass_matrix(np.array([0.2, 0.5]))
-        found = str(kernel.mass_matrix(np.array([0.2, 0.5])).tolist()) + str(kernel.is_direct)
+        found = str(kernel.mass_matrix(np.array([0.2, 0.5])).tolist()) + str(kernel.functions.is_direct)
     os.write({write}, found.encode())
     '''
     read, write = os.pipe()
@@ -187,9 +187,9 @@ def test_kernels_do_not_wait_for_the_module(empty_cache: Path, monkeypatch: pyte
     """One that is built while the module is compiled gets it with its first function."""
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     kernel = eomgen.build("one_link", flags=("-O0",))
-    assert not kernel.is_direct
+    assert not kernel.functions.is_direct
     kernel.mass_matrix([0.2, 0.5])
-    assert kernel.is_direct
+    assert kernel.functions.is_direct
     assert kernel._bound["mass_matrix"].is_armed is False  # type: ignore[attr-defined]
     kernel.mass_matrix(np.array([0.2, 0.5]))
     assert kernel._bound["mass_matrix"].is_armed  # type: ignore[attr-defined]

@@ -132,7 +132,7 @@ def test_both_halves_have_the_same_bits(which: str, built: Build) -> None:
     """One state alone, in a batch, on threads, in one library of both: of every function."""
     robot = random_robot(17, joints=(2, 2)) if which == "random" else eomgen.load_robot(which)
     apart, whole = built(robot), built(robot, "all")
-    on_threads, rng = apart.with_threads(2), np.random.default_rng(0)
+    on_threads, rng = apart.replaced(threads=2), np.random.default_rng(0)
     for name, function in whole.raw.functions.items():
         arrays = [rng.uniform(-0.4, 0.4, (520, *whole.raw.shapes[label])) for label in function.reads]
         extra = (1,) if function.is_framed else ()
@@ -150,7 +150,7 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     kernel = built(eomgen.load_robot("one_link"), dtype="float32" if batch_first else "float64")
     q, v = (x.astype(kernel.dtype) for x in (Q, V))
     several = np.array([q, q])
-    other = kernel.with_parameters()
+    other = kernel.replaced()
 
     def one(kernel: eomgen.Kernel) -> np.ndarray:
         return kernel.inverse_dynamics(q, v, v)

@@ -33,6 +33,7 @@ from eomgen.pipeline.library_objects import KIND, LibraryObjects
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
+from eomgen.runtime.methods.bound import frame_number
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import (
     QUICK,
@@ -217,7 +218,7 @@ def answers(kernel: eomgen.Kernel, seed: int) -> dict[str, Any]:
     given = {name: rng.uniform(-1.0, 1.0, (STATES, *shape)).astype(raw.dtype) for name, shape in raw.shapes.items()}
     given["q"][0] *= 1e6  # an angle beyond the polynomials
     for name, function in raw.functions.items():
-        extra = (kernel.frame_index(kernel.frames[-1]),) if function.is_framed else ()
+        extra = (frame_number(kernel.frames, kernel.frames[-1]),) if function.is_framed else ()
         arrays = [given[x] for x in function.reads]
         for what, given_here in ((f"{name} batch", arrays), (name, [array[1] for array in arrays])):
             try:

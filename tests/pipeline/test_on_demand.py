@@ -40,7 +40,7 @@ def test_only_what_is_called_is_built() -> None:
     kernel.mass_matrix(Q)
     assert [step.split()[0] for step in steps] == ["deriving", "compiling"]
     kernel.mass_matrix(Q)
-    kernel.with_parameters().mass_matrix(Q)
+    kernel.replaced().mass_matrix(Q)
     assert (packages(), len(steps)) == (1, 2)
     kernel.frame_pose(Q, "link1")
     kernel.frame_jacobian(Q, "link1")
@@ -75,7 +75,7 @@ def test_results_are_those_of_all_kernels_in_one_library(built: Build) -> None:
 
 def test_an_assignment_reaches_all_libraries(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"))
-    other = kernel.with_parameters()
+    other = kernel.replaced()
     before = kernel.inverse_dynamics(Q, V, V), kernel.residual(Q, V, V, V)
     kernel.parameters["joints.joint1.x.stiffness"] = 7.0
     after = kernel.inverse_dynamics(Q, V, V), kernel.residual(Q, V, V, V)
@@ -149,12 +149,14 @@ def test_kernels_in_one_library(built: Build) -> None:
     assert functions[0].library is not functions[1].library
     libraries = kernel.raw.libraries
     assert libraries.library("residual", "residual_batch") is not libraries.library("residual")
-    one = kernel.together("mass_matrix", "residual")
+    one = kernel.replaced(together=("mass_matrix", "residual"))
     assert one.raw.function("mass_matrix").library is one.raw.function("residual").library
     assert np.array_equal(one.residual(Q, V, V, V), kernel.residual(Q, V, V, V))
-    assert one.source("h").count("int one_link_") < kernel.source("h").count("int one_link_")
-    refused(UnknownNameError, "'speed' is no kernel of one_link; known: mass_matrix, ", kernel.together, "speed")
-    assert one.together("mass_matrix").raw is one.raw
+    assert one.raw.source("h").count("int one_link_") < kernel.raw.source("h").count("int one_link_")
+    refused(
+        UnknownNameError, "'speed' is no kernel of one_link; known: mass_matrix, ", kernel.replaced, together=["speed"]
+    )
+    assert one.replaced(together=["mass_matrix"]).raw is one.raw
 
 
 def test_work_is_done_beside_the_caller() -> None:

@@ -312,7 +312,7 @@ z = {{ {laws} }}
     robot, names = robot_from_toml(text), ("rollout", "adaptive_rollout", "radau_rollout")
     kernel = eomgen.build(robot, kernels=names, dtype=dtype, flags=("-O0",))
     expected = read_expected(pack_expected(deriving.derive_equations(build_model(robot), names, dtype)))
-    meta, module = json.loads(kernel.source("json")), kernel.raw.libraries.library("rollout")
+    meta, module = json.loads(kernel.raw.source("json")), kernel.raw.libraries.library("rollout")
     assert first_difference(module, meta, expected) is None
     for name in names:
         wrong = {**expected, name: expected[name] * (1.0 + (1e-9 if dtype == "float64" else 1e-2))}
@@ -324,7 +324,7 @@ def test_all_functions_are_compared(name: str) -> None:
     """But those of loops' dependent coordinates and of their steps, which the tests of the library have."""
     kernel = eomgen.build(name, kernels="all", flags=("-O0",))
     expected = read_expected(pack_expected(deriving.derive_equations(build_model(eomgen.load_robot(name)))))
-    meta, module = json.loads(kernel.source("json")), kernel.raw.libraries.library("")
+    meta, module = json.loads(kernel.raw.source("json")), kernel.raw.libraries.library("")
     assert first_difference(module, meta, expected) is None
     functions = {**kernel.raw.functions, **kernel.raw.rollouts}
     left_out = {"following", "rollout", "adaptive_rollout"} if kernel.constraints else set()

@@ -126,7 +126,6 @@ CHOICES = [
     (eomgen.Kernel.rollout_sensitivity, "method", [*FIXED, *ADAPTIVE]),
     (eomgen.Kernel.frame_velocity, "reference", REFERENCES),
     (eomgen.Kernel.frame_acceleration, "reference", REFERENCES),
-    (eomgen.Kernel.frame_bias_acceleration, "reference", REFERENCES),
     (eomgen.integration.integrate, "method", METHODS),
     (eomgen.simulate, "method", METHODS),
     (eomgen.analysis.compare, "method", METHODS),

@@ -87,7 +87,7 @@ def states(kernel: eomgen.Kernel, count: int = 5, seed: int = 1) -> tuple[Array,
 def by_pitch(kernel: eomgen.Kernel, name: str, function: str, args: tuple[Array, ...]) -> Array:
     """Central difference of order four by a pitch."""
     value, step = kernel.parameters[name], 1e-3
-    at = [getattr(kernel.with_parameters({name: value + k * step}), function)(*args) for k in (-2, -1, 1, 2)]
+    at = [getattr(kernel.replaced(parameters={name: value + k * step}), function)(*args) for k in (-2, -1, 1, 2)]
     return np.asarray((at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * step))
 
 
@@ -95,7 +95,7 @@ def by_pitch(kernel: eomgen.Kernel, name: str, function: str, args: tuple[Array,
 def test_a_nut_falls_along_its_spindle_as_in_closed_form(pitch: float, built: Build) -> None:
     """gamma'' = -m g h / (J + m h^2), h the lead per radian; the energy of its motion is constant."""
     kernel = built(robot_from_toml(NUT), "forward_dynamics", "energy", "rollout", "kinematics")
-    kernel = kernel.with_parameters({"joints.spindle.pitch": pitch})
+    kernel = kernel.replaced(parameters={"joints.spindle.pitch": pitch})
     assert (kernel.coordinates, kernel.follower_names) == (("spindle.gamma",), ("spindle.z",))
     h = pitch / (2 * np.pi)
     expected = -MASS * 9.81 * h / (TURNING + MASS * h * h)
@@ -187,7 +187,7 @@ def test_random_robots_have_the_kernels_of_pinocchios_helical_joints(seed: int, 
         near(kernel.frame_pose(q, "tcp"), oracle.frame_pose(q, "tcp"))
         near(kernel.frame_jacobian(q, "tcp"), oracle.frame_jacobian(q, "tcp"))
         wrench = rng.normal(size=(len(kernel.links), 6))
-        near(kernel.external_force(q, wrench), oracle.external_force(q, wrench))
+        near(kernel.functions.external_force(q, wrench), oracle.external_force(q, wrench))
 
 
 @pytest.mark.parametrize("seed", seeds(0, 1, 20))
@@ -252,7 +252,7 @@ def test_a_screw_is_a_cylindrical_pair_with_a_rigid_coupling(extra: str, built: 
         near(kernel.mass_matrix(q), S.T @ whole.mass_matrix(Q) @ S)
         near(kernel.inverse_dynamics(q, v, a), S.T @ whole.residual(Q, V, A, 0 * U))
         near(S @ kernel.forward_dynamics(q, v, u), whole.forward_dynamics(Q, V, U), 1e-8)
-        forces = kernel.coupling_forces(q, v, kernel.forward_dynamics(q, v, u))
+        forces = kernel.functions.coupling_forces(q, v, kernel.forward_dynamics(q, v, u))
         near(forces, whole.constraint_forces(Q, V, U), 1e-8)
         near(kernel.reactions(q, v, a), whole.reactions(Q, V, A, cut=True))
         near(kernel.energy(q, v), whole.energy(Q, V))
@@ -269,13 +269,13 @@ def test_a_screw_moves_a_closed_loop(built: Build) -> None:
     q = kernel.assemble([0.4, -0.4, 0.2, 2.0], fixed=["spindle.gamma"])
     here = kernel.followers(q)["spindle.z"][0]
     Q = np.insert(q, whole.coordinates.index("spindle.z"), here)
-    near(whole.constraint(Q), np.zeros(6), 1e-9)
-    v = np.linalg.svd(kernel.constraint_jacobian(q))[2][-1]
+    near(whole.functions.constraint(Q), np.zeros(6), 1e-9)
+    v = np.linalg.svd(kernel.functions.constraint_jacobian(q))[2][-1]
     V = np.insert(v, 0, kernel.followers(q, v)["spindle.z"][1])
     u = np.array([0.2, 0.0, 0.0, 0.0])
     near(np.delete(whole.forward_dynamics(Q, V, np.insert(u, 0, 0.0)), 0), kernel.forward_dynamics(q, v, u), 1e-7)
     name, step = "joints.spindle.pitch", 2e-9  # which leaves the loop closed enough
-    ends = [kernel.with_parameters({name: 0.4 + s * step}).forward_dynamics(q, v, u) for s in (1.0, -1.0)]
+    ends = [kernel.replaced(parameters={name: 0.4 + s * step}).forward_dynamics(q, v, u) for s in (1.0, -1.0)]
     (exact,) = kernel.parameter_jacobian("forward_dynamics", (q, v, u), [name]).T
     near(exact, (ends[0] - ends[1]) / (2 * step), 1e-5)
 

@@ -113,7 +113,7 @@ def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Bui
 def test_tolerances_know_frictions_as_they_are_set(method: str, built: Build) -> None:
     """A block slides to rest, by a friction that turns round faster than the description's."""
     kernel = built(replace(mass_on_rail(friction=Friction(coulomb=4.0, smoothing=1e-2)), name="sledge"), *NAMES)
-    tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": 1e-4})
+    tuned = kernel.replaced(parameters={"joints.rail.z.friction.smoothing": 1e-4})
     wanted = integrate(
         tuned, [0.0], [0.1], 0.5, drive=lambda t, q, v: np.ones(1), method="scipy:Radau", rtol=1e-9, output_step=0.5
     )
@@ -169,8 +169,8 @@ def test_loops_stay_closed_and_keep_their_energy(name: str, method: str, built: 
     home = np.array([robot.home[x] for x in kernel.coordinates])
     zero = np.zeros(kernel.n)
     q, v = kernel.rollout(home, zero, zero, method=method, duration=1.0, samples=20, rtol=1e-8)
-    assert np.abs(kernel.constraint(q)).max() <= 1e-10
-    rates = np.einsum("tmn,tn->tm", kernel.constraint_jacobian(q), v)
+    assert np.abs(kernel.functions.constraint(q)).max() <= 1e-10
+    rates = np.einsum("tmn,tn->tm", kernel.functions.constraint_jacobian(q), v)
     assert np.abs(rates).max() <= 1e-9 * max(1.0, np.abs(v).max())
     energy = kernel.energy(q, v).sum(axis=1)
     assert np.ptp(energy) <= 1e-6 * np.ptp(kernel.energy(q, v)[:, 0])
@@ -258,7 +258,8 @@ def test_lanes_that_cannot_move_change_no_bit_of_others(method: str, dtype: str,
     kernel = built(massless_tip(), *NAMES, dtype=dtype)
     bad = [0, 3, 4, 17]
     kernels = [
-        kernel.with_parameters({"joints.k.gamma.armature": 0.0 if i in bad else 0.01 + 0.001 * i}) for i in range(19)
+        kernel.replaced(parameters={"joints.k.gamma.armature": 0.0 if i in bad else 0.01 + 0.001 * i})
+        for i in range(19)
     ]
     rng, times, loads = np.random.default_rng(6), np.linspace(0.0, 0.2, 5), InputSignals()
     q, v = rng.uniform(-0.5, 0.5, (2, 19, 2))

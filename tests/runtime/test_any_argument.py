@@ -19,6 +19,7 @@ from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.runtime import Kernel
 from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
+from tests.support.methods import method_of
 from tests.support.refusals import refused
 from tests.support.sliders import on_rail
 
@@ -31,7 +32,6 @@ MAPPINGS: dict[str, Callable[[Kernel], str]] = {  # arguments that may be values
     "wrench": lambda kernel: kernel.frames[0],
     "limits": lambda kernel: kernel.coordinates[0],
 }
-NOT_CALLED = ("bind", "refuse_not_finite")  # of modules, and of arrays alone
 
 
 LAW = 'friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e3 }'  # with a state
@@ -46,11 +46,11 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
     """Each method with arguments that it takes."""
     still = np.zeros(len(kernel.coordinates))
     derived = {"name": "mass_matrix", "args": (still,), "tangents": (still,), "cotangent": np.ones((still.size,) * 2)}
-    for name in dir(type(kernel)):
-        method = getattr(type(kernel), name)
-        if name.startswith("_") or not inspect.isfunction(method) or name in NOT_CALLED:
+    for name in sorted({*dir(type(kernel)), *dir(type(kernel.functions))}):
+        method = method_of(kernel, name)
+        if name.startswith("_") or not inspect.ismethod(method):
             continue
-        parameters = list(inspect.signature(method).parameters.items())[1:]
+        parameters = list(inspect.signature(method).parameters.items())
         given: dict[str, Any] = {"frame": kernel.frames[0], "name": kernel.frames[0], "motor": "none"}
         given["z"] = np.zeros(len(kernel.internal_states))
         given |= derived if "args" in dict(parameters) else {}
@@ -69,12 +69,12 @@ def calls(kernel: Kernel, steps: dict[str, Any]) -> Iterator[tuple[str, dict[str
 def test_any_argument_is_taken_or_refused(kernel: Kernel, steps: dict[str, Any]) -> None:
     tried, wrong = 0, list[str]()
     for name, needed in calls(kernel, steps):
-        for key, parameter in list(inspect.signature(getattr(type(kernel), name)).parameters.items())[1:]:
+        for key, parameter in inspect.signature(method_of(kernel, name)).parameters.items():
             values = () if parameter.kind in (2, 4) else WRONG
             for value in (*values, *({MAPPINGS[key](kernel): x} for x in values if key in MAPPINGS)):
                 tried += 1
                 given = {k: x.copy() if isinstance(x, np.ndarray) else x for k, x in {**needed, key: value}.items()}
-                wrong += wrong_errors(f"{name}: {key}={value!r}", partial(getattr(kernel, name), **given))
+                wrong += wrong_errors(f"{name}: {key}={value!r}", partial(method_of(kernel, name), **given))
     assert tried > 1000
     assert wrong == []
 

@@ -13,6 +13,7 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, SingularError, UnknownNameError
 from eomgen.runtime.arrays import numbers_in
 from tests.support.builds import Build
+from tests.support.methods import method_of
 from tests.support.optional import needs
 from tests.support.refusals import refused
 
@@ -161,7 +162,7 @@ def test_batches_of_different_length(kernel: eomgen.Kernel) -> None:
         ("forward_dynamics", (Q, V, u)),
         ("residual", (Q, V, V, u)),
     ):
-        assert "4" in refusal(lambda name=name, arguments=arguments: getattr(kernel, name)(*arguments, wrench=wrench))
+        assert "4" in refusal(lambda name=name, arguments=arguments: method_of(kernel, name)(*arguments, wrench=wrench))
 
 
 def test_an_empty_batch_gives_an_empty_batch(kernel: eomgen.Kernel) -> None:
@@ -177,7 +178,7 @@ def test_an_empty_batch_gives_an_empty_batch(kernel: eomgen.Kernel) -> None:
 def test_wrenches_of_the_wrong_shape(shape: tuple[int, ...], kernel: eomgen.Kernel) -> None:
     for name, arguments in (("generalized_force", (Q, V)), ("external_force", (Q,)), ("forward_dynamics", (Q, V, V))):
         message = refusal(
-            lambda name=name, arguments=arguments: getattr(kernel, name)(*arguments, wrench=np.zeros(shape))
+            lambda name=name, arguments=arguments: method_of(kernel, name)(*arguments, wrench=np.zeros(shape))
         )
         assert message == f"wrench: expected float64 of shape (1, 6) or (..., 1, 6), got shape {shape}"
 
@@ -188,7 +189,7 @@ def test_wrenches_in_batches(name: str, kernel: eomgen.Kernel) -> None:
     rng = np.random.default_rng(1)
     count = {"generalized_force": 2, "inverse_dynamics": 3, "residual": 4, "forward_dynamics": 3}[name]
     arrays, wrench = rng.uniform(-1, 1, (count, STATES, 2)), rng.uniform(-1, 1, (STATES, 1, 6))
-    call = getattr(kernel, name)
+    call = method_of(kernel, name)
     expected = [call(*arrays[:, i], wrench=wrench[i]) for i in range(STATES)]
     out = np.empty((STATES, 2))
     assert call(*arrays, wrench=wrench, out=out) is out
@@ -306,7 +307,7 @@ def test_what_would_be_rounded_is_refused(value: Any, kernel: eomgen.Kernel) -> 
     ids=str,
 )
 def test_what_is_held_exactly_is_taken(value: Any, kernel: eomgen.Kernel) -> None:
-    kernel = kernel.with_checks(False)
+    kernel = kernel.replaced(checks=False)
     assert np.array_equal(kernel.energy([0.0, 0.0], value), kernel.energy([0.0, 0.0], np.array(value, np.float64)))
 
 
@@ -331,7 +332,7 @@ def test_single_precision_holds_fewer(single: eomgen.Kernel) -> None:
 def test_parameters(value: Any, message: str, kernel: eomgen.Kernel) -> None:
     if isinstance(value, np.longdouble) and np.finfo(np.longdouble).nmant == 52:
         pytest.skip("long double is double here")
-    parameters = kernel.with_parameters().parameters
+    parameters = kernel.replaced().parameters
     name = next(iter(parameters))
     before = dict(parameters)
     with pytest.raises(InputError, match=rf"^parameters: {name} = .*{message}$"):
@@ -342,7 +343,7 @@ def test_parameters(value: Any, message: str, kernel: eomgen.Kernel) -> None:
 
 
 def test_a_parameter_beyond_single_precision(single: eomgen.Kernel) -> None:
-    parameters = single.with_parameters().parameters
+    parameters = single.replaced().parameters
     name = next(iter(parameters))
     with pytest.raises(InputError, match=r"= 1e\+300 is beyond float32; at most 3\.4e\+38 is allowed$"):
         parameters[name] = 1e300
@@ -382,7 +383,7 @@ END = r"and float64 ends at 1\.8e\+308"
 
 @pytest.fixture
 def own(kernel: eomgen.Kernel) -> eomgen.Kernel:
-    return kernel.with_parameters()
+    return kernel.replaced()
 
 
 @pytest.mark.parametrize(
@@ -402,11 +403,14 @@ def test_results_that_are_not_finite_are_refused(
     """With the kernel, the entry, and the largest of the numbers that it came from."""
     largest = r"the largest is joint1\.gamma = 1e\+200 in v"
     caught = refused(
-        ArrayError, f"^{name}: {entry}, out of numbers that are finite; {largest}, {END}$", getattr(own, name), *arrays
+        ArrayError,
+        f"^{name}: {entry}, out of numbers that are finite; {largest}, {END}$",
+        method_of(own, name),
+        *arrays,
     )
     assert caught.coordinate == coordinate
     own.checks = False
-    assert not np.isfinite(getattr(own, name)(*arrays)).all()
+    assert not np.isfinite(method_of(own, name)(*arrays)).all()
 
 
 def test_in_batches_the_state_is_named(own: eomgen.Kernel) -> None:
@@ -426,7 +430,7 @@ def test_what_wrenches_add_is_looked_at(own: eomgen.Kernel) -> None:
     for name, count in (("external_force", 1), ("generalized_force", 2), ("inverse_dynamics", 3)):
         arrays = (Q, V, V)[:count]
         with pytest.raises(ArrayError, match=r"external_force: joint1\.\w+ is (-?inf|nan).* = 1\.7e\+308 in wrench"):
-            getattr(own, name)(*arrays, wrench=wrench)
+            method_of(own, name)(*arrays, wrench=wrench)
     a = np.array([1.5e308, 0.0]) / own.mass_matrix(Q)[0, 0]
     push = np.array([[-1e308, 0.0, 0.0, 0.0, 0.0, 0.0]])
     with pytest.raises(ArrayError, match=r"^inverse_dynamics: joint1\.x is inf.* the largest is "):
@@ -465,7 +469,7 @@ CALLS = {
 
 @pytest.mark.parametrize("name", CALLS)
 def test_any_number_of_leading_axes(name: str, kernel: eomgen.Kernel) -> None:
-    call, arrays = getattr(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
+    call, arrays = method_of(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
     flat = call(*(x.reshape(6, 2) for x in arrays))
     found = call(*arrays)
     assert found.shape == (2, 3, *flat.shape[1:])
@@ -481,7 +485,7 @@ def test_any_number_of_leading_axes(name: str, kernel: eomgen.Kernel) -> None:
 @pytest.mark.parametrize("name", [name for name, count in CALLS.items() if count > 1])
 @pytest.mark.parametrize("shape", [(1, 2), (1, 1, 2), (3, 2), (2, 1, 2), (2,), (4, 1, 1, 2)])
 def test_arguments_broadcast_as_arrays_of_numpy_do(name: str, shape: tuple[int, ...], kernel: eomgen.Kernel) -> None:
-    call, others = getattr(kernel, name), (QS, VS, AS, US)[1 : CALLS[name]]
+    call, others = method_of(kernel, name), (QS, VS, AS, US)[1 : CALLS[name]]
     q = np.random.default_rng(1).uniform(-1, 1, shape)
     whole = np.broadcast_shapes(q.shape, QS.shape)
     expected = call(np.broadcast_to(q, whole).copy(), *others)
@@ -498,7 +502,7 @@ def test_one_row_beside_many_stands_for_all(kernel: eomgen.Kernel) -> None:
 
 @pytest.mark.parametrize("name", ["generalized_force", "inverse_dynamics", "residual", "forward_dynamics", "reactions"])
 def test_wrenches_broadcast_too(name: str, kernel: eomgen.Kernel) -> None:
-    call, arrays = getattr(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
+    call, arrays = method_of(kernel, name), (QS, VS, AS, US)[: CALLS[name]]
     each = [[call(*(x[i, k] for x in arrays), wrench=W[i, k]) for k in range(3)] for i in range(2)]
     assert np.allclose(call(*arrays, wrench=W), each, rtol=1e-13)
     same = [[call(*(x[i, k] for x in arrays), wrench=W[i, 0]) for k in range(3)] for i in range(2)]

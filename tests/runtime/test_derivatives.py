@@ -106,7 +106,7 @@ def test_by_parameters(name: str, kernel: eomgen.Kernel) -> None:
 
 def function_of(kernel: eomgen.Kernel, name: str, args: tuple[Any, ...], parameter: str, value: float) -> np.ndarray:
     """A function's result with another value of a parameter."""
-    return np.asarray(getattr(kernel.with_parameters({parameter: value}), name)(*args))
+    return np.asarray(getattr(kernel.replaced(parameters={parameter: value}), name)(*args))
 
 
 def test_hessians_of_chosen_parameters_and_names(kernel: eomgen.Kernel) -> None:
@@ -538,7 +538,7 @@ def test_a_body_that_many_hold(method: str, built: Build, monkeypatch: pytest.Mo
     frozen(monkeypatch)
     kernel, rng, h = built(net(), *NAMES, "spring_forces"), np.random.default_rng(6), 1e-6
     q, v, u = 3e-3 * rng.normal(size=kernel.n), 0.1 * rng.normal(size=kernel.n), rng.normal(size=kernel.n)
-    tensions = kernel.spring_forces(q, v)[:, 1]
+    tensions = kernel.functions.spring_forces(q, v)[:, 1]
     assert 0 < np.count_nonzero(tensions) < tensions.size
     case = Case(kernel, method, {"q": q, "v": v, "u": u}, power=1)
     found = case.gradient()[1]

@@ -24,8 +24,10 @@ from eomgen.runtime import Kernel
 from eomgen.runtime.chunking import states_at_once
 from eomgen.runtime.direct import ExtensionBinding
 from eomgen.runtime.methods.bound import BoundFunctions
+from eomgen.runtime.methods.functions import Functions
 from tests.support.bending_mixtures import mixture
 from tests.support.builds import Build
+from tests.support.methods import method_of
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
 from tests.support.random_springs import with_springs
 from tests.support.refusals import refused
@@ -123,7 +125,9 @@ class Calls:
     def __init__(self, kernel: Kernel, seed: int) -> None:
         self.kernel, self.seed = kernel, seed
         self.entries = kernel.raw.libraries.meta["functions"]
-        self.names = [name for name in self.entries if hasattr(Kernel, name) and name != "rollout"]
+        self.names = [
+            name for name in self.entries if (hasattr(Kernel, name) or hasattr(Functions, name)) and name != "rollout"
+        ]
 
     def one(self, name: str, number: int) -> tuple[list[Any], dict[str, Any], list[str]]:
         """Arguments of a call, the same for the same numbers in memory of their own, and what they are."""
@@ -140,8 +144,7 @@ class Calls:
             said.append(kind)
             return KINDS[kind](x)
 
-        method = getattr(type(kernel), name)
-        for label, parameter in list(inspect.signature(method).parameters.items())[1:]:
+        for label, parameter in inspect.signature(method_of(kernel, name)).parameters.items():
             if label in entry["reads"] or label == "u":
                 value = array(kernel.raw.shapes[label])
                 if label not in entry["reads"] and rng.random() < 0.5:
@@ -186,8 +189,9 @@ class Calls:
 
 def in_python(kernel: Kernel) -> Kernel:
     """Return the same kernel, with separate parameters, whose calls go through Python."""
-    other = kernel.with_parameters()
+    other = kernel.replaced()
     other._bound = BoundFunctions(other.calls)
+    other.functions = Functions(other._bound, other.calls)
     return other
 
 
@@ -247,10 +251,10 @@ def test_both_bindings_say_the_same(robot: str, dtype: str, calls: int, built: B
             kernel.checks, kernel.threads = number % 5 != 0, 1 + number % 2
             positional, keywords, said = made.one(name, number)
             again = made.one(name, number)
-            found = outcome(getattr(kernel, name), positional, keywords)
-            expected = outcome(getattr(in_python(kernel), name), again[0], again[1])
+            found = outcome(method_of(kernel, name), positional, keywords)
+            expected = outcome(method_of(in_python(kernel), name), again[0], again[1])
             assert found == expected, (name, number, said, found[0], expected[0])
-            direct += kernel.is_direct and is_direct(kernel, name)
+            direct += kernel.functions.is_direct and is_direct(kernel, name)
     assert direct
 
 
@@ -259,15 +263,15 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     kernel = built(eomgen.load_robot("one_link"))
     wrench = np.zeros(kernel.raw.shapes["wrench"])
     given = {"q": Q, "v": V, "a": U, "u": U, "wrench": wrench, "frame": "tcp", "z": None}
-    methods = [x for x in kernel.raw.functions if hasattr(Kernel, x)]
+    methods = [x for x in kernel.raw.functions if x in {*dir(Kernel), *dir(Functions)}]
     arguments = {}
     for name in methods:
-        labels = inspect.signature(getattr(kernel, name)).parameters.values()
+        labels = inspect.signature(method_of(kernel, name)).parameters.values()
         arguments[name] = [given[x.name] for x in labels if x.kind is not inspect.Parameter.KEYWORD_ONLY]
         wrenched = {"wrench": wrench} if kernel.raw.functions[name].wrench else {}
-        getattr(kernel, name)(*arguments[name], **wrenched)
+        method_of(kernel, name)(*arguments[name], **wrenched)
         several = [np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]]
-        getattr(kernel, name)(*several, **wrenched)
+        method_of(kernel, name)(*several, **wrenched)
     asked: list[str] = []
 
     def refuse(calls: Any, name: str, *rest: Any, **keywords: Any) -> Array:
@@ -277,14 +281,14 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     monkeypatch.setattr("eomgen.runtime.calls.Calls.run", refuse)
     for name in methods:
         shape = kernel.raw.shapes[kernel.raw.functions[name].writes]
-        getattr(kernel, name)(*arguments[name])
-        getattr(kernel, name)(*arguments[name], out=np.empty(shape))
+        method_of(kernel, name)(*arguments[name])
+        method_of(kernel, name)(*arguments[name], out=np.empty(shape))
         if kernel.raw.functions[name].wrench:
-            getattr(kernel, name)(*arguments[name], wrench=wrench)
-            getattr(kernel, name)(*arguments[name], wrench=np.stack([wrench] * N))
+            method_of(kernel, name)(*arguments[name], wrench=wrench)
+            method_of(kernel, name)(*arguments[name], wrench=np.stack([wrench] * N))
         many = [np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]]
-        getattr(kernel, name)(*many)
-        getattr(kernel, name)(many[0], *arguments[name][1:], out=np.empty((N, *shape)))
+        method_of(kernel, name)(*many)
+        method_of(kernel, name)(many[0], *arguments[name][1:], out=np.empty((N, *shape)))
     assert not asked
     kernel.mass_matrix(Q.tolist())
     kernel.bias_force(Q, np.array([np.nan, 0.0]))
@@ -318,9 +322,9 @@ def test_methods_of_a_subclass_are_its_own(built: Build) -> None:
             return 2.0 * super().mass_matrix(q, out=out)
 
     louder = Louder(kernel.raw.libraries, None, kernel._binding)
-    assert louder.is_direct
+    assert louder.functions.is_direct
     assert np.array_equal(louder.mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
-    assert np.array_equal(louder.with_parameters().mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
+    assert np.array_equal(louder.replaced().mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
     assert is_direct(louder, "bias_force")
 
 
@@ -331,7 +335,7 @@ def test_kernels_go_with_their_last_reference(built: Build) -> None:
     gc.collect()
     gc.disable()
     try:
-        kernel = first.with_parameters()
+        kernel = first.replaced()
         method, gone = kernel.forward_dynamics, weakref.ref(kernel)
         kernel.mass_matrix(Q)
         del kernel
@@ -342,7 +346,7 @@ def test_kernels_go_with_their_last_reference(built: Build) -> None:
 
         def work() -> None:
             for number in range(200):
-                kernel = first.with_parameters({"gravity.y": float(number)})
+                kernel = first.replaced(parameters={"gravity.y": float(number)})
                 kernel.mass_matrix(Q)
                 kernel.forward_dynamics(Q, V, U, out=np.empty(2))
                 kernel.residual_jacobian(Q, V, U)
@@ -360,7 +364,7 @@ def test_kernels_go_with_their_last_reference(built: Build) -> None:
     finally:
         tracemalloc.stop()
         gc.enable()
-    kernel = first.with_parameters()
+    kernel = first.replaced()
     kernel.itself = kernel.mass_matrix  # type: ignore[attr-defined]
     kernel.parameters.around = kernel  # type: ignore[attr-defined]
     gone = weakref.ref(kernel)
@@ -371,8 +375,8 @@ def test_kernels_go_with_their_last_reference(built: Build) -> None:
 
 def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
     kernel = eomgen.build("one_link", flags=("-O0",))
-    assert kernel.is_direct
-    method, other = kernel._bound["mass_matrix"], kernel.with_parameters()._bound["mass_matrix"]
+    assert kernel.functions.is_direct
+    method, other = kernel._bound["mass_matrix"], kernel.replaced()._bound["mass_matrix"]
     assert not method.is_armed  # type: ignore[attr-defined]
     refused(ArrayError, "q: expected float64 of shape", method, np.zeros(3), None)
     expected = method(Q, None)
@@ -389,29 +393,29 @@ def test_kernels_from_before_the_module(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"))
     binding = ExtensionBinding(expected=True)
     early = Kernel(kernel.raw.libraries, None, binding)
-    copied, method = early.with_parameters({"gravity.y": -3.0}), early.forward_dynamics
+    copied, method = early.replaced(parameters={"gravity.y": -3.0}), early.forward_dynamics
     early.checks, state = False, early.parameters.state
-    assert not early.is_direct
+    assert not early.functions.is_direct
     module = kernel._binding.module
     assert module is not None
     binding.settle(module)
-    assert early.is_direct
-    assert copied.is_direct
+    assert early.functions.is_direct
+    assert copied.functions.is_direct
     assert not early.checks
     assert copied.parameters["gravity.y"] == -3.0
     state.assign(list(early.parameters).index("gravity.y"), -2.0)  # of a thread that was just about to
     assert early.parameters["gravity.y"] == -2.0
     assert np.array_equal(early.forward_dynamics(Q, V, U), method(Q, V, U))
     late = Kernel(kernel.raw.libraries, None, binding)
-    assert late.is_direct
+    assert late.functions.is_direct
     never = Kernel(kernel.raw.libraries)
-    assert not never.is_direct
+    assert not never.functions.is_direct
     assert np.array_equal(never.forward_dynamics(Q, V, U), late.forward_dynamics(Q, V, U))
     binding = ExtensionBinding(expected=True)
     unlucky = Kernel(kernel.raw.libraries, None, binding)
     binding.settle(None)
-    assert not unlucky.is_direct
-    assert not unlucky.with_parameters().is_direct
+    assert not unlucky.functions.is_direct
+    assert not unlucky.replaced().functions.is_direct
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -421,7 +425,7 @@ def test_an_assignment_is_seen_by_the_next_call(dtype: str, built: Build) -> Non
     q, v, u = (x.astype(dtype) for x in (Q, V, U))
     plain = Kernel(kernel.raw.libraries)
     for number, name in enumerate(["gravity.x", "joints.joint1.x.stiffness", "gravity.y"] * 3):
-        copied = kernel.with_parameters()
+        copied = kernel.replaced()
         before = kernel.forward_dynamics(q, v, u)
         value = kernel.parameters[name] * 1.25 + 0.1
         if number % 2:

@@ -50,7 +50,7 @@ def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: st
         a = kernel.forward_dynamics(q, v, u)
         np.testing.assert_allclose(a, wanted, rtol=1e-12, atol=1e-12 * size)
         np.testing.assert_allclose(kernel.residual(q, v, a, u), 0.0, atol=1e-12 * size)
-        exerted = kernel.drive_forces(q, v, u)
+        exerted = kernel.functions.drive_forces(q, v, u)
         assert exerted[0] == pytest.approx(force + u[1], rel=1e-14)
         if "current" in _names(kernel):
             assert exerted[-1] == pytest.approx(voltage - 0.5 * v[0], rel=1e-12, abs=1e-12 * size)
@@ -130,7 +130,7 @@ def test_integrals_do_not_wind_up(built: Build) -> None:
         kernel = built(servo(f"controller = {{ {loop}, tracking_time = {tracking} }}"))
         motion = kernel.rollout([0.0], [0.0], [1.0], duration=6.0, samples=600, method="radau", rtol=1e-8, z=[0.0])
         peaks[tracking] = motion[0].max()
-        assert np.abs(kernel.drive_forces(motion[0], motion[1], [1.0], motion.z)).max() <= 1.0
+        assert np.abs(kernel.functions.drive_forces(motion[0], motion[1], [1.0], motion.z)).max() <= 1.0
     assert peaks[0.2] < 1.2
     assert peaks[1e6] > 1.6
 

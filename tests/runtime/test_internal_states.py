@@ -15,6 +15,7 @@ from eomgen.runtime.arrays import DERIVATIVE
 from tests.support.bristled import bristled_arm, served_arm
 from tests.support.bristles import bristle_gear, bristle_linkage
 from tests.support.builds import Build
+from tests.support.methods import method_of
 from tests.support.refusals import refused
 from tests.support.soak import soaked
 
@@ -74,9 +75,9 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
     calls |= LOOPED if kernel.constraints else {}
     whole = kernel.augmented
     for name, reads in calls.items():
-        method, apart = getattr(kernel, name), {"z": s.z} if name in WITH_Z else {}
+        method, apart = method_of(kernel, name), {"z": s.z} if name in WITH_Z else {}
         narrow = method(*(s.apart[x] for x in reads), **apart)
-        assert equal(narrow, getattr(whole, name)(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
+        assert equal(narrow, method_of(whole, name)(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
         out = np.empty_like(narrow)
         assert method(*(s.apart[x] for x in reads), **apart, out=out) is out, name
         assert (out == narrow).all(), name
@@ -86,15 +87,20 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
     assert (kernel.internal_state_derivatives(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
     frame = kernel.links[-1]
     assert equal(kernel.frame_jacobian(q, frame), whole.frame_jacobian(s.whole["q"], frame), 1)
+    still, wide = np.zeros(kernel.n), np.zeros(whole.n)
+    found, expected = (
+        kernel.frame_acceleration(q, v, still, frame),
+        whole.frame_acceleration(*(s.whole[x] for x in "qv"), wide, frame),
+    )
+    assert (found == expected).all()
+    regressor = kernel.functions.regressor(*(s.apart[x] for x in "qva"))
     assert (
-        kernel.frame_bias_acceleration(q, v, frame) == whole.frame_bias_acceleration(*(s.whole[x] for x in "qv"), frame)
+        regressor == whole.functions.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]
     ).all()
-    regressor = kernel.regressor(*(s.apart[x] for x in "qva"))
-    assert (regressor == whole.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]).all()
     load = {frame: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
     for name, reads in (("inverse_dynamics", "qva"), ("residual", "qvau"), ("reactions", "qva")):
-        narrow = getattr(kernel, name)(*(s.apart[x] for x in reads), wrench=load, z=s.z)
-        wide = getattr(whole, name)(*(s.whole[x] for x in reads), wrench=load)
+        narrow = method_of(kernel, name)(*(s.apart[x] for x in reads), wrench=load, z=s.z)
+        wide = method_of(whole, name)(*(s.whole[x] for x in reads), wrench=load)
         assert equal(narrow, wide, int(name != "reactions")), name
     under = kernel.forward_dynamics(q, v, u, s.z, wrench=load)
     assert equal(under, whole.forward_dynamics(*(s.whole[x] for x in "qvu"), wrench=load), 1)
@@ -111,8 +117,8 @@ def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[i
         )
         assert equal(kernel.project_velocity(q, v + 1.0), whole.project_velocity(s.whole["q"], s.whole["v"] + 1.0), 1)
     if kernel.couplings:
-        forces = kernel.coupling_forces(q, v, s.apart["a"], z=s.z)
-        assert (forces == whole.coupling_forces(*(s.whole[x] for x in "qva"))).all()
+        forces = kernel.functions.coupling_forces(q, v, s.apart["a"], z=s.z)
+        assert (forces == whole.functions.coupling_forces(*(s.whole[x] for x in "qva"))).all()
         followers = kernel.followers(q, v)
         assert all(
             (a == b).all()
@@ -331,8 +337,8 @@ def test_forces_of_drives_without_a_servo_drive_are_what_they_are_given(built: B
     """Of as many states as the arrays have; z where no law has a state is refused."""
     kernel = built(bristled_arm())
     q, u = np.zeros((3, len(kernel.coordinates))), np.arange(float(len(kernel.coordinates)))
-    found = kernel.drive_forces(q, q, u, np.zeros((3, len(kernel.internal_states))))
+    found = kernel.functions.drive_forces(q, q, u, np.zeros((3, len(kernel.internal_states))))
     assert np.array_equal(found, np.tile(u, (3, 1)))
     plain = built(eomgen.load_robot("one_link"))
     with pytest.raises(InputError, match="z: no force law of one_link has internal states"):
-        plain.drive_forces([0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0])
+        plain.functions.drive_forces([0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0])

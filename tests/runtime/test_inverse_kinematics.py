@@ -55,11 +55,11 @@ def test_closed_mechanisms_reach_poses_that_they_have(number: int, built: Build)
     pose = kernel.frame_pose(kernel.assemble(there), frame)
     q = kernel.inverse_kinematics(pose, frame, q0=m.q, limits=False, moving=moving)
     assert np.abs(kernel.frame_pose(q, frame) - pose).max() < 1e-9
-    assert np.abs(kernel.constraint(q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(q)).max() < 1e-11
     away = pose[:3, 3] + 1e3 * rng.choice([-1.0, 1.0], 3)
     with pytest.raises(ReachError, match=f"{frame} does not reach .* m: it gets as near as .* mm") as caught:
         kernel.inverse_kinematics(away, frame, q0=m.q, moving=moving, starts=1)
-    assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(caught.value.q)).max() < 1e-11
 
 
 @pytest.mark.soak
@@ -72,14 +72,14 @@ def test_a_platform_keeps_its_legs_within_limits() -> None:
     pose[:3, 3] = 0.05, -0.04, 1.15
     q = kernel.inverse_kinematics(pose)
     assert np.abs(kernel.frame_pose(q, "tcp") - pose).max() < 1e-10
-    assert np.abs(kernel.constraint(q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(q)).max() < 1e-11
     at = [kernel.coordinates.index(name) for name in legs]
     shorter = dict.fromkeys(legs, (1.0, float(q[at].max()) - 0.01))
     with pytest.raises(
         ReachError, match=r"as near as \S+ mm and \S+ deg; .*leg\d\.z is at its limit 1\.\d+ m"
     ) as caught:
         kernel.inverse_kinematics(pose, limits=shorter, starts=2)
-    assert np.abs(kernel.constraint(caught.value.q)).max() < 1e-11
+    assert np.abs(kernel.functions.constraint(caught.value.q)).max() < 1e-11
     assert caught.value.q[at].max() <= q[at].max() - 0.01 + 1e-9
 
 

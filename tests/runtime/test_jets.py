@@ -138,9 +138,9 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
     """Both give the same bits, whatever calls look like, and parameters of a copy are its own."""
     moving, u = motion(kernel, 5), motion(kernel, 3, seed=4)
     plain = in_python(kernel)
-    assert kernel.is_direct
-    assert not plain.is_direct
-    heavier = kernel.with_parameters({"joints.joint1.x.stiffness": 9.0})
+    assert kernel.functions.is_direct
+    assert not plain.functions.is_direct
+    heavier = kernel.replaced(parameters={"joints.joint1.x.stiffness": 9.0})
     for name, series in (("inverse_dynamics", moving), ("forward_dynamics", (*moving[:4], u))):
         wanted = plain.jet(name, series, 2)
         for given in (series, list(series), (*series[:-1], tuple(series[-1])) if name[0] == "f" else series):
@@ -157,7 +157,7 @@ def test_with_and_without_the_extension_module(kernel: eomgen.Kernel) -> None:
 def test_every_function_fits_the_extension_module(kernel: eomgen.Kernel) -> None:
     """The arrays of all functions, those with loops included; calls of the residual to order 4 have most."""
     for made in (kernel, eomgen.build("four_bar"), eomgen.build("flexible_arm")):
-        assert made.is_direct
+        assert made.functions.is_direct
         for name in made.raw.functions:
             assert type(made._bound[name]).__name__ == "Direct"
     for lead in ((), (7,)):
@@ -188,7 +188,7 @@ def test_closed_mechanisms(order: int) -> None:
         np.testing.assert_allclose(gap, 0.0, atol=1e-11)
     h = 1e-3  # a step along the motion leaves a gap of an order more than those that vanish
     near = sum(x * h**i / math.factorial(i) for i, x in enumerate(moving))
-    assert np.abs(kernel.constraint(near)).max() < 1e2 * h ** (order + 3) + 1e-13
+    assert np.abs(kernel.functions.constraint(near)).max() < 1e2 * h ** (order + 3) + 1e-13
     drives = kernel.jet("inverse_dynamics", moving, order)
     found = kernel.jet("forward_dynamics", (*moving[: order + 2], drives), order)
     for k, (one, other) in enumerate(zip(found, moving[2:], strict=True)):

@@ -58,7 +58,7 @@ def test_frames_and_links_as_jacobians_have_them(seed: int, built: Build) -> Non
     kernel, oracle = built(robot), PinocchioOracle(robot)
     q, v, a = rng.uniform(-1.0, 1.0, (3, 5, kernel.n))
     wrench = drawn(kernel, rng, (5,))
-    forces = kernel.external_force(q, wrench)
+    forces = kernel.functions.external_force(q, wrench)
     for i, state in enumerate(q):
         expected = np.zeros(kernel.n)
         rows = np.zeros((len(kernel.links), 6))
@@ -71,7 +71,7 @@ def test_frames_and_links_as_jacobians_have_them(seed: int, built: Build) -> Non
         expected += oracle.external_force(state, rows)
         assert np.abs(forces[i] - expected).max() <= 1e-11 * max(1.0, float(np.abs(expected).max()))
     rows = wrench_rows(kernel.calls, q, wrench)
-    assert np.array_equal(forces, kernel.external_force(q, rows))
+    assert np.array_equal(forces, kernel.functions.external_force(q, rows))
     u = kernel.inverse_dynamics(q, v, a, wrench=wrench)
     assert np.array_equal(u, kernel.inverse_dynamics(q, v, a, wrench=rows))
     assert np.abs(kernel.forward_dynamics(q, v, u, wrench=wrench) - a).max() < 1e-7
@@ -150,7 +150,7 @@ def test_equilibria_of_loops() -> None:
     force = {"tcp": [0.0, -3.0, 0.0, 0.0, 0.0, 0.0]}
     q = closed_equilibrium(kernel, kernel.home, wrench=force)
     virtual = kernel.residual(q, 0.0 * q, 0.0 * q, 0.0 * q, wrench=force)
-    tangent = np.linalg.svd(kernel.constraint_jacobian(q))[2][-1]
+    tangent = np.linalg.svd(kernel.functions.constraint_jacobian(q))[2][-1]
     assert abs(tangent @ virtual) < 1e-7
     assert np.abs(q - closed_equilibrium(kernel, kernel.home)).max() > 1e-4
 
@@ -159,22 +159,22 @@ def test_parameters_move_the_centre_of_mass(built: Build) -> None:
     robot = replace(eomgen.load_robot("ur5"), tunable=tuple(f"links.link6.com.{axis}" for axis in "xyz"))
     kernel = built(robot)
     q, force = np.linspace(0.1, 0.6, 6), [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    before = kernel.external_force(q, {"tcp": force})
+    before = kernel.functions.external_force(q, {"tcp": force})
     assert np.abs(before - kernel.frame_jacobian(q, "tcp").T @ force).max() < 1e-12
     kernel.parameters["links.link6.com.x"] += 0.5
-    assert np.abs(kernel.external_force(q, {"tcp": force}) - before).max() < 1e-12
-    at_link = kernel.external_force(q, {"link6": force})
+    assert np.abs(kernel.functions.external_force(q, {"tcp": force}) - before).max() < 1e-12
+    at_link = kernel.functions.external_force(q, {"link6": force})
     kernel.parameters["links.link6.com.x"] -= 0.5
-    assert np.abs(kernel.external_force(q, {"link6": force}) - at_link).max() > 0.1
+    assert np.abs(kernel.functions.external_force(q, {"link6": force}) - at_link).max() > 0.1
 
 
 def test_float32_and_no_wrench(built: Build) -> None:
     kernel = built(eomgen.load_robot("ur5"), dtype="float32")
     q = np.linspace(0.1, 0.6, 6, dtype=np.float32)
-    force = kernel.external_force(q, {"tcp": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]})
+    force = kernel.functions.external_force(q, {"tcp": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]})
     assert force.dtype == np.float32
     assert np.abs(force - kernel.frame_jacobian(q, "tcp").T @ [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]).max() < 1e-5
-    assert not kernel.external_force(q, {}).any()
+    assert not kernel.functions.external_force(q, {}).any()
 
 
 def test_what_cannot_be_given(built: Build) -> None:
@@ -190,13 +190,13 @@ def test_what_cannot_be_given(built: Build) -> None:
         with pytest.raises(ArrayError, match=r"wrench: tcp: .*allowed: six finite numbers"):
             kernel.reactions(q, q, q, wrench={"tcp": wrong})  # type: ignore[dict-item]
     with pytest.raises(ArrayError, match=r"wrench: tcp: leading axes|wrench: tcp: 3 states, but 2"):
-        kernel.external_force(np.zeros((2, 6)), {"tcp": np.zeros((3, 6))})
+        kernel.functions.external_force(np.zeros((2, 6)), {"tcp": np.zeros((3, 6))})
     with pytest.raises(ArrayError, match=r"wrench: tcp: got shape \(3, 6\); allowed: six finite numbers"):
         kernel.rollout(q, q, q, duration=0.1, loads={"wrench": {"tcp": np.zeros((3, 6))}})
     refused(UnknownNameError, "wrench: 'tpc' is unknown", integrate, kernel, q, q, 0.1, wrench={"tpc": np.zeros(6)})
     twice = replace(eomgen.load_robot("ur5"), frames=(Frame("link6", "link6", Placement((0.1, 0.0, 0.0))),))
     with pytest.raises(UnknownNameError, match="'link6' names a frame and a link"):
-        built(twice).external_force(q, {"link6": np.zeros(6)})
+        built(twice).functions.external_force(q, {"link6": np.zeros(6)})
 
 
 KERNELS = ("mass_matrix", "christoffel")

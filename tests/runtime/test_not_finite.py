@@ -93,7 +93,7 @@ def test_checks_can_be_turned_off(kernel: eomgen.Kernel) -> None:
     kernel.checks = False
     assert np.isnan(kernel.energy(Q, bad)[0])
     assert np.isnan(kernel.energy(np.tile(Q, (5, 1)), bad)[:, 0]).all()
-    other = kernel.with_parameters()
+    other = kernel.replaced()
     assert other.checks is False
     other.checks = True
     assert kernel.checks is False

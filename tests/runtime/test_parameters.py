@@ -57,7 +57,7 @@ def results(kernel: eomgen.Kernel, robot: Robot) -> dict[str, np.ndarray]:
         "mass_matrix": kernel.mass_matrix(s.q),
         "bias_force": kernel.bias_force(s.q, s.v),
         "generalized_force": kernel.generalized_force(s.q, s.v),
-        "external_force": kernel.external_force(s.q, wrench),
+        "external_force": kernel.functions.external_force(s.q, wrench),
         "residual": kernel.residual(s.q, s.v, s.a, s.u),
         "inverse_dynamics": kernel.inverse_dynamics(s.q, s.v, s.a),
         "forward_dynamics": kernel.forward_dynamics(s.q, s.v, s.u),
@@ -299,8 +299,8 @@ def test_kernels_of_one_code_have_parameters_of_their_own(built: Build) -> None:
     kernel = built(robot, "inverse_dynamics", "forward_dynamics", "rollout")
     name = "joints.joint1.x.stiffness"
     stiffnesses = np.linspace(5e3, 2e4, 16)
-    others = [kernel.with_parameters({name: k}) for k in stiffnesses]
-    again = others[3].with_parameters()
+    others = [kernel.replaced(parameters={name: k}) for k in stiffnesses]
+    again = others[3].replaced()
     others[3].parameters[name] = 1.0
     assert again.parameters[name] == stiffnesses[3]
     others[3].parameters[name] = stiffnesses[3]
@@ -317,7 +317,7 @@ def test_kernels_of_one_code_have_parameters_of_their_own(built: Build) -> None:
         assert (motion(kernel) == found).all()
     spring = kernel.inverse_dynamics(q, 0 * q, 0 * q) - others[0].inverse_dynamics(q, 0 * q, 0 * q)
     assert spring[0] == pytest.approx((stiffnesses[-1] - stiffnesses[0]) * q[0], rel=1e-10)
-    refused(eomgen.UnknownNameError, "joint1", kernel.with_parameters, {"joints.joint1.x.stifness": 1.0})
+    refused(eomgen.UnknownNameError, "joint1", kernel.replaced, parameters={"joints.joint1.x.stifness": 1.0})
 
 
 def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
@@ -417,7 +417,7 @@ def test_conditions_are_those_of_descriptions(built: Build) -> None:
                 if key != "n" and rng.random() < 0.4:
                     factor = 10.0 ** rng.uniform(-1.0, 1.0) * (-1.0 if key == "gamma" and rng.random() < 0.5 else 1.0)
                     numbers[key] = values[f"joints.joint1.gamma.{law}.{key}"] = float(numbers[key] * factor)
-        kernel = kernels[which].with_parameters()
+        kernel = kernels[which].replaced()
         try:
             _robot(changed, {} if which else WORDS)
             allowed = True

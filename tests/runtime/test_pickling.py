@@ -36,7 +36,7 @@ LOADS = """
 
 def changed(kernel: Kernel) -> Kernel:
     """A kernel with other parameters, threads and checks than it was built with."""
-    kernel = kernel.with_threads(3).with_checks(False)
+    kernel = kernel.replaced(threads=3).replaced(checks=False)
     for name in kernel.parameters:
         kernel.parameters[name] = 1.25 * kernel.parameters[name] + 0.125
     return kernel
@@ -114,7 +114,7 @@ def test_a_generated_package_is_asked_for_by_its_name(
         monkeypatch.delitem(sys.modules, name)
     import one_link as package  # type: ignore[import-not-found]
 
-    kernel = package.load().with_threads(3)
+    kernel = package.load().replaced(threads=3)
     file = tmp_path / "kernel.pickle"
     file.write_bytes(pickle.dumps(kernel))
     assert b"eomgen" not in file.read_bytes()
@@ -166,10 +166,10 @@ def test_a_copy_has_equal_values_of_its_own(way: str, dtype: str, filled_cache: 
     assert (kernel.parameters[name], other[name]) == (before, before + 1.0)
     with pytest.raises(UnknownNameError):
         other["nothing"]
-    state, bound = [np.array(x, dtype) for x in (Q, Q, Q)], kernel.with_parameters(other)
+    state, bound = [np.array(x, dtype) for x in (Q, Q, Q)], kernel.replaced(parameters=other)
     found = bound.inverse_dynamics(*state)
     assert not np.array_equal(found, kernel.inverse_dynamics(*state))
-    assert np.array_equal(found, kernel.with_parameters({name: before + 1.0}).inverse_dynamics(*state))
+    assert np.array_equal(found, kernel.replaced(parameters={name: before + 1.0}).inverse_dynamics(*state))
 
 
 def test_what_has_no_kernel_to_be_made_of_is_refused(filled_cache: Path) -> None:

@@ -16,6 +16,7 @@ from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from eomgen.export.wasm.layout import layouts, of_c
 from eomgen.robot.model import build_model
 from eomgen.runtime import Kernel
+from eomgen.runtime.methods.bound import frame_number
 from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
 from eomgen.runtime.stepping.packed_inputs import STRUCTS, PackedInputs
 from tests.support.builds import Build
@@ -113,7 +114,7 @@ def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
 
 def test_what_parameters_give_is_replaced_as_a_whole(kernel: Kernel) -> None:
     before, library = kernel.parameters.setup, kernel.raw.function("mass_matrix").library
-    mine = kernel.with_parameters()
+    mine = kernel.replaced()
     assert mine.parameters.setup is before
     computed = before.computed(library).copy()
     mine.parameters["joints.joint1.x.stiffness"] = 3.0
@@ -126,17 +127,17 @@ def test_what_parameters_give_is_replaced_as_a_whole(kernel: Kernel) -> None:
 
 
 def test_frames_have_numbers(kernel: Kernel) -> None:
-    assert [kernel.frame_index(name) for name in kernel.frames] == list(range(len(kernel.frames)))
-    refused(UnknownNameError, r"frame: 'tpc' is unknown; did you mean 'tcp'\?", kernel.frame_index, "tpc")
+    assert [frame_number(kernel.frames, name) for name in kernel.frames] == list(range(len(kernel.frames)))
+    refused(UnknownNameError, r"frame: 'tpc' is unknown; did you mean 'tcp'\?", frame_number, kernel.frames, "tpc")
 
 
 @pytest.mark.parametrize(
     ("make", "threads", "checks"),
     [
-        (lambda kernel: kernel.with_threads(3), 3, True),
-        (lambda kernel: kernel.with_checks(False), 1, False),
-        (lambda kernel: kernel.with_checks(False).with_threads(2), 2, False),
-        (lambda kernel: kernel.with_threads(2).with_checks(False).with_parameters(), 2, False),
+        (lambda kernel: kernel.replaced(threads=3), 3, True),
+        (lambda kernel: kernel.replaced(checks=False), 1, False),
+        (lambda kernel: kernel.replaced(checks=False).replaced(threads=2), 2, False),
+        (lambda kernel: kernel.replaced(threads=2).replaced(checks=False).replaced(), 2, False),
     ],
 )
 def test_another_kernel_of_the_same_code(
@@ -162,9 +163,10 @@ def test_another_kernel_of_the_same_code(
 
 @pytest.mark.parametrize("number", [0, -1, 1.5, True, "2", None, -(10**5000)], ids=lambda x: str(type(x)))
 def test_threads_that_cannot_be(number: object, kernel: Kernel) -> None:
-    refused(InputError, "threads: .* is not a number of threads", kernel.with_threads, number)
+    if number is not None:
+        refused(InputError, "threads: .* is not a number of threads", kernel.replaced, threads=number)
     refused(InputError, "threads: .* is not a number of threads", setattr, kernel, "threads", number)
-    refused(InputError, "checks", kernel.with_checks, number if isinstance(number, str) else 1)
+    refused(InputError, "checks", kernel.replaced, checks=number if isinstance(number, str) else 1)
 
 
 FUNCTIONS = re.compile(r"\(\*(\w+)\)\(")

@@ -130,7 +130,7 @@ def test_loads_are_clipped_without_their_wrenches(method: str, built: Build) -> 
         return np.clip(u, -effort, effort)
 
     def rate(t: float, y: Array) -> Array:
-        u = drive(t, y[:n], y[n:]) + kernel.external_force(y[:n], wrench)
+        u = drive(t, y[:n], y[n:]) + kernel.functions.external_force(y[:n], wrench)
         return np.concatenate([y[n:], kernel.forward_dynamics(y[:n], y[n:], u)])
 
     begin, end = np.concatenate([case.given["q"], case.given["v"]]), STEPS * DT

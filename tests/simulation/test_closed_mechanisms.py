@@ -237,7 +237,7 @@ def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
     result = run(robot, CRANKED)
     motion, kernel = result.trajectory, eomgen.build(robot)
     cut = place in kernel.cut_laws
-    deviation = kernel.cut_forces(motion.q, motion.v)[:, 0, 0] if cut else motion.of(place)
+    deviation = kernel.functions.cut_forces(motion.q, motion.v)[:, 0, 0] if cut else motion.of(place)
     expected = crossings(deviation, stop.clearance)
     assert {contact.coordinate for contact in motion.contacts} == {place}
     assert len(motion.contacts) >= len(expected) >= 2

@@ -437,7 +437,9 @@ def test_a_force_at_a_point_against_mujoco(axes: str) -> None:
         R, place = (turn if axes == "link" else np.eye(3)), other.data.xpos[body] + turn @ point
         found = np.zeros(kernel.n)
         mujoco.mj_applyFT(other.model, other.data, R @ force, R @ moment, place, body, found)
-        assert np.abs(kernel.external_force(q, wrenches(0.0, q, q)) - found).max() < 1e-12 * max(1, np.abs(found).max())
+        assert np.abs(kernel.functions.external_force(q, wrenches(0.0, q, q)) - found).max() < 1e-12 * max(
+            1, np.abs(found).max()
+        )
 
 
 def carrying(robot: Robot, link: str, load: Link) -> Robot:

@@ -199,7 +199,7 @@ def test_equilibria_are_states_that_stay(table: str, u: float, built: Build) -> 
     under, z = drives_at_rest(kernel, q, forces)
     assert under == pytest.approx([u], rel=1e-7, abs=1e-9)
     assert forces == pytest.approx(9.81 * 0.4 * np.cos(q), rel=1e-9)
-    assert kernel.drive_forces(q, [0.0], [u], z) == pytest.approx(forces, rel=1e-7)
+    assert kernel.functions.drive_forces(q, [0.0], [u], z) == pytest.approx(forces, rel=1e-7)
     assert kernel.forward_dynamics(q, [0.0], [u], z) == pytest.approx([0.0], abs=1e-6)
     rates = kernel.internal_state_derivatives(q, [0.0], z, [u])
     assert rates == pytest.approx(np.zeros(len(z)), abs=1e-4)

@@ -17,6 +17,7 @@ from eomgen.robot.value import Robot
 from tests.oracles.complex_step import complex_steps
 from tests.support.builds import Build
 from tests.support.closeness import close
+from tests.support.methods import method_of
 from tests.support.programs import answer
 from tests.support.random_robots import Array, State
 
@@ -73,7 +74,7 @@ def check_batches(kernel: eomgen.Kernel, states: Sequence[State], **counts: int)
     """Compare functions of several states at once with those of one at a time; they read as many of q, v and a."""
     arrays = stacked(states, "qva")
     for name, count in counts.items():
-        call = getattr(kernel, name)
+        call = method_of(kernel, name)
         one = np.array([call(*state) for state in zip(*arrays[:count], strict=True)])
         assert close(np.asarray(call(*arrays[:count])), one, 1e-12)
 

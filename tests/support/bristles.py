@@ -162,7 +162,7 @@ def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str,
         values = {str(name): float(kernel.parameters[name] * 10.0 ** rng.uniform(-1.0, 1.0)) for name in chosen}
         values |= {name: -value for name, value in values.items() if name.endswith("gamma") and rng.random() < 0.5}
         try:
-            kernel.with_parameters().parameters.update(values)
+            kernel.replaced().parameters.update(values)
             changes.append((values, True))
         except eomgen.InputError:
             changes.append((values, False))

@@ -115,7 +115,7 @@ class Case:
     def changed(self, name: str, x: Array) -> dict[str, Any]:
         """Return the argument of ``call`` in which these numbers are others."""
         if name in self.kernel.parameters:
-            return {"kernel": self.kernel.with_parameters({name: float(x)})}
+            return {"kernel": self.kernel.replaced(parameters={name: float(x)})}
         return {name: x} if name in self.given else {"loads": put(self.given["loads"], name, x)}
 
     def slope(self, name: str, direction: Array, h: float) -> float:

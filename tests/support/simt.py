@@ -20,6 +20,7 @@ import eomgen
 from eomgen.codegen.simt.kernels import ROLLOUTS
 from eomgen.codegen.simt.sources import SimtSource
 from eomgen.runtime.kernel import Kernel
+from tests.support.methods import method_of
 from tests.support.optional import module_of
 
 COUNT = 37  # states: a whole tile and a part of one
@@ -115,7 +116,7 @@ def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:
     for ending, method in (("_tangent", kernel.jvp), ("_adjoint", kernel.vjp)):
         if name.endswith(ending):
             return _derivative(method, name.removesuffix(ending), arrays, ending == "_tangent")
-    result = getattr(kernel, name)(*arrays)
+    result = method_of(kernel, name)(*arrays)
     return result if isinstance(result, np.ndarray) else np.stack(result, 1)
 
 

@@ -72,9 +72,10 @@ def moved(kernel: Any, q: Array, v: Array, u: Array) -> dict[str, Array]:
         q, v = (x[:, -1] for x in kernel.rollout(q, v, u, 1e-9, 1))
     for name in CALLS:
         if name in kernel.raw.functions:
-            results = called(getattr(kernel, name), q, v, u)
+            call = getattr(kernel if hasattr(kernel, name) else kernel.functions, name)
+            results = called(call, q, v, u)
             for i in range(len(q)):
-                alone = called(getattr(kernel, name), q[i], v[i], u[i])
+                alone = called(call, q[i], v[i], u[i])
                 assert all(np.array_equal(x[i], y) for x, y in zip(results, alone, strict=True)), f"{name}: state {i}"
             found |= {f"{name}_{k}": x for k, x in enumerate(results)}
     return found

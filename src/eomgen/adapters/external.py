@@ -24,6 +24,7 @@ from ..control.discrete_steps import DiscreteStep, literal
 from ..errors import InputError
 from ..pipeline import cache as store
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import frame_number
 from .mappings import DifferentiableFunction
 
 
@@ -59,7 +60,8 @@ def external_library(
     _require_double(kernel)
     if order == 2:
         function.require_second()
-    kernel = kernel.together(*function.kernels, *(function.second if order == 2 else ()))
+    names = (*function.kernels, *(function.second if order == 2 else ()))
+    kernel = kernel.replaced(together=names)
     return compiled_external(kernel, render(function, kernel, called, order), called, flags)
 
 
@@ -96,7 +98,7 @@ def compiled_external(kernel: Kernel, wrapper: str, called: str, flags: Sequence
     from ..codegen.package.probe import check_compiler
     from ..codegen.package.running import run_all
 
-    header, code = (kernel.source(ending) for ending in ("h", "c"))
+    header, code = (kernel.raw.source(ending) for ending in ("h", "c"))
     library = _library(kernel)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
@@ -178,7 +180,7 @@ def render(function: DifferentiableFunction, kernel: Kernel, called: str, order:
         "whole": math.prod(function.whole),
         "written": math.prod(kernel.raw.shapes[kernel.raw.functions[function.calls].writes]),
         "n": kernel.n,
-        "frame": None if function.frame is None else kernel.frame_index(function.frame),
+        "frame": None if function.frame is None else frame_number(kernel.frames, function.frame),
         "inputs": inputs,
         "result": result,
         "blocks": blocks,

@@ -21,6 +21,7 @@ from ..names import show
 from ..optional import optional_import
 from ..pipeline.derivations import derived_model
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import frame_number
 from ..runtime.stepping.options import StepOptions
 from .frames import jacobian_derivative, pose_derivative
 from .jax_devices import SWITCH, device_function
@@ -202,7 +203,7 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
     """
     kernel, frame = there.kernel, there.frame
     assert frame is not None
-    index = kernel.frame_index(frame)
+    index = frame_number(kernel.frames, frame)
 
     def raw(name: str) -> Any:
         def call(q: Array) -> Array:
@@ -276,7 +277,7 @@ def rollout(
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    private = kernel.augmented.with_parameters()
+    private = kernel.augmented.replaced()
     how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
     told = jax.ShapeDtypeStruct((rows // every + 1, private.n), private.dtype)

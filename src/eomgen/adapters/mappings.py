@@ -18,6 +18,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import show
 from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import frame_number
 from . import rules
 
 Array = NDArray[Any]
@@ -162,10 +163,10 @@ class DifferentiableFunction:
         if (name in FRAMED) != (frame is not None):
             wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMED else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
-        self.kernel, self.name, self.frame, self.rule = kernel.augmented.with_parameters(), name, frame, entry.rule
+        self.kernel, self.name, self.frame, self.rule = kernel.augmented.replaced(), name, frame, entry.rule
         self.kernels, self.second, self._entry = entry.kernels, entry.second, entry
         self._require(self.kernels)
-        self._extra = () if frame is None else (kernel.frame_index(frame),)
+        self._extra = () if frame is None else (frame_number(kernel.frames, frame),)
         self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls
         shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)

@@ -118,7 +118,7 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     if not kernel.constraints:
         return np.array(q)
     names = [name for name, stays in zip(kernel.coordinates, still[: len(kernel.coordinates)], strict=True) if stays]
-    if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
+    if np.abs(kernel.functions.constraint(q)).max() <= ROUND_OFF:
         names = []
     return np.asarray(kernel.assemble(q, fixed=names))
 
@@ -134,7 +134,7 @@ def _rest_state(
     (q, rates), zero = state, np.zeros(kernel.n)
     needed = kernel.inverse_dynamics(q, rates, zero, cut=True) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
-    reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
+    reaction = kernel.functions.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
     u[len(kernel.coordinates) :] = 0.0  # nothing drives internal states
     slopes = tangent(kernel, q, rates, zero, loads, multipliers)
@@ -155,8 +155,8 @@ def _constraint(kernel: Kernel, q: Array, force: Array, still: Mask) -> tuple[Ar
     change = np.zeros(kernel.n)
     if not kernel.constraints:
         return np.zeros(0), change
-    J = kernel.constraint_jacobian(q)[:, ~still]
-    residual = kernel.constraint(q)
+    J = kernel.functions.constraint_jacobian(q)[:, ~still]
+    residual = kernel.functions.constraint(q)
     if np.abs(residual).max() > CLOSED:
         change[~still] = -np.linalg.lstsq(J, residual, rcond=RANK)[0]
     return np.asarray(np.linalg.lstsq(J.T, force[~still], rcond=RANK)[0], float), change
@@ -192,7 +192,7 @@ def system_at_rest(
     Drives that are not locked have the inputs and states with which they hold it, or are refused.
     """
     state, zero, n = rest(kernel, q, fixation, loads), np.zeros(kernel.n), len(kernel.coordinates)
-    locked = {name for name, stays in zip(kernel.velocities, fixation.locked, strict=True) if stays}
+    locked = {name for name, stays in zip(kernel.calls.coordinates, fixation.locked, strict=True) if stays}
     u, z = drives_at_rest(kernel, state.q[:n], state.u[:n], fixation.z, fixed=locked)
     still = MotionState(state.q, at_rest_with(kernel, z), zero, np.append(u, state.u[n:]))
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

@@ -16,6 +16,7 @@ from ..robot.internal_states.drives import DRIVE
 from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.internal_states import StatesLike, kept_note, state_values
@@ -87,7 +88,7 @@ def fixation_of(
     """
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
-    model, names = build_model(robot), kernel.velocities
+    model, names = build_model(robot), kernel.calls.coordinates
     driven, internal_states = _mask(names, model.driven), np.isin(names, kernel.internal_states)
     prescribed = _mask(names, model.prescribed) | internal_states
     notes: list[str] = []
@@ -171,7 +172,7 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Return names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
     ends, names = clearances(law_numbers(kernel)), acting(kernel)
     there = deflections(kernel) @ q
-    there[kernel.n :] += kernel.follower_matrix()[1]
+    there[kernel.n :] += follower_matrix(kernel)[1]
     inside = np.abs(there) <= [ends.get(name, -1.0) for name in names]
     inside[: kernel.n] &= np.diagonal(joint_stiffness(kernel)) == 0.0
     contacts = journal_contacts(kernel)
@@ -185,7 +186,9 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
 def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
     """Return names of the loop joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
     ends = {name: law["clearance"] for name, law in cut_numbers(kernel).items() if law.get("clearance")}
-    known = kernel.raw.has(kernel.cut_forces, kernel.cut_jacobian)  # a kernel that the caller built may lack them
+    known = kernel.raw.has(
+        kernel.functions.cut_forces, kernel.functions.cut_jacobian
+    )  # a kernel that the caller built may lack them
     contacts = cut_contacts(kernel)
     if not (ends or contacts) or not known:
         return []
@@ -211,15 +214,15 @@ def _loose(kernel: Kernel) -> Mask:
     elastic = [
         name in kernel.knots or any(law.get(key) for key in SPRINGS) for name, law in law_numbers(kernel).items()
     ]
-    held = np.array(elastic[: kernel.n]) | kernel.follower_matrix()[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
-    held |= _mask(kernel.velocities, map(kernel.coordinates.index, kernel.motors.values()))
+    held = np.array(elastic[: kernel.n]) | follower_matrix(kernel)[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
+    held |= _mask(kernel.calls.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
     held |= np.diagonal(joint_stiffness(kernel)) > 0.0
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
-        held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
+        held |= np.asarray(kernel.functions.spring_jacobian(anywhere)).any(axis=0)
     if kernel.element_rows:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
-        held |= np.asarray(kernel.element_jacobian(anywhere)).any(axis=0)
+        held |= np.asarray(kernel.functions.element_jacobian(anywhere)).any(axis=0)
     held[[i for contact in journal_contacts(kernel) for i in contact.index]] = True
     return np.asarray(~held)
 
@@ -252,7 +255,7 @@ def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:
 
 def _gains(label: str, value: Gains | None, kernel: Kernel, driven: Mask) -> Array:
     """Return a gain for every driven coordinate, 0 for the others."""
-    names = [name for name, drives in zip(kernel.velocities, driven, strict=True) if drives]
+    names = [name for name, drives in zip(kernel.calls.coordinates, driven, strict=True) if drives]
     if value is None:
         raise InputError(f"{label}: drives 'pd' need it; allowed: a number, or numbers by names of {', '.join(names)}")
     table = value if isinstance(value, Mapping) else dict.fromkeys(names, value)

@@ -67,7 +67,7 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
 
 def _exerted(kernel: Kernel, q: Array, v: Array, u: Array) -> Array:
     """Return the forces of drives on coordinates under inputs u, (n,), N or N m."""
-    return np.asarray(kernel.drive_forces(q, v, u)) if has_drives(kernel) else u
+    return np.asarray(kernel.functions.drive_forces(q, v, u)) if has_drives(kernel) else u
 
 
 def _needed(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
@@ -76,7 +76,7 @@ def _needed(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
     needed = kernel.residual(q, v, a, zero)
     if has_drives(kernel):
         n = len(kernel.coordinates)
-        needed[:n] += kernel.drive_forces(q, v, zero)[:n]
+        needed[:n] += kernel.functions.drive_forces(q, v, zero)[:n]
     return np.asarray(needed)
 
 
@@ -85,7 +85,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     kernel, fixation = arm.kernel, arm.fixation
     inputs = driving if is_drive and has_drives(kernel) else None
     driving = _exerted(kernel, q, v, driving) if is_drive else driving
-    J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
+    J, bias = kernel.functions.constraint_jacobian(q), kernel.functions.constraint_bias(q, v)
     _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.project_velocity")
     dead = load_force(kernel, q, arm.loads)
     if is_drive:
@@ -96,7 +96,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
     a = state_rates(kernel, q, v, a)
     needed = _needed(kernel, q, v, a) - dead
-    prescribed = np.isin(kernel.velocities, (*kernel.prescribed, *kernel.internal_states))
+    prescribed = np.isin(kernel.calls.coordinates, (*kernel.prescribed, *kernel.internal_states))
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
@@ -105,7 +105,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     basis, _ = moving_basis(kernel, q, ~held)
     left = np.abs(basis.T @ (needed - u)).max(initial=0.0)
     if not left <= 1e-8 * max(1.0, float(np.abs(needed).max())):
-        names = ", ".join(np.array(kernel.velocities)[fixation.driven])
+        names = ", ".join(np.array(kernel.calls.coordinates)[fixation.driven])
         raise LoopError(
             f"{kernel.name}: drives at {names or 'no coordinate'} cannot make this motion: {left:.3g} N or N m are"
             " left; allowed: drives that hold the mechanism, or v and u",
@@ -146,7 +146,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
-    by_q = beside.jvp(beside.constraint_bias, (states, rates), (along, np.zeros_like(along))).T
+    by_q = beside.jvp(beside.functions.constraint_bias, (states, rates), (along, np.zeros_like(along))).T
     return H @ v, H @ a + by_q
 
 

@@ -20,6 +20,7 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import frame_number
 from ..state.internal_states import StatesLike, joined_vector
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
@@ -134,7 +135,7 @@ def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
     """
     wrenches = {}
     for frame, value in (loads or {}).items():
-        kernel.frame_index(frame)  # refuses a name that is none
+        frame_number(kernel.frames, frame)  # refuses a name that is none
         try:
             wrench = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):

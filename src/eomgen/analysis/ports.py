@@ -57,16 +57,16 @@ def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) ->
     """Return displacements of the outputs per change of coordinates, (outputs, n), and their rate along the motion.
 
     An output is a coordinate's name, a frame or link with a component of its motion, base frame ("tcp.x", "tcp.rz"), or
-    an internal state ("joint1.gamma.friction.z"), whose column stands at its place among ``Kernel.velocities``.  With J
-    the first matrix and J' the second, velocities change by J dv + J' dq.
+    an internal state ("joint1.gamma.friction.z"), whose column stands at its place among ``calls.coordinates`` of a
+    kernel.  With J the first matrix and J' the second, velocities change by J dv + J' dq.
 
     Raises:
         UnknownNameError: a name is none of these.
     """
     rows, rates = [], []
     for name in names:
-        if name in kernel.velocities:
-            rows.append(np.eye(kernel.n)[kernel.velocities.index(name)])
+        if name in kernel.calls.coordinates:
+            rows.append(np.eye(kernel.n)[kernel.calls.coordinates.index(name)])
             rates.append(np.zeros(kernel.n))
             continue
         frame, component = _component("output", name, kernel, MOTIONS)

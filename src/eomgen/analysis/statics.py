@@ -214,12 +214,12 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     whole.parameters.update(kernel.parameters)
     held = arm.fixation.still[: still.size]
     needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)
-    J = whole.constraint_jacobian(q)
+    J = whole.functions.constraint_jacobian(q)
     multipliers = np.linalg.lstsq(J[:, ~held].T, needed[~held], rcond=RANK)[0]
     holding = needed - J.T @ multipliers
     if rank_of(J[:, ~held]) < rank_of(J) or np.abs(holding[~held]).max(initial=0.0) > LEFT * np.abs(needed).max():
         stay, driven = (
-            ", ".join(np.array(kernel.velocities)[mask]) or "nothing"
+            ", ".join(np.array(kernel.calls.coordinates)[mask]) or "nothing"
             for mask in (arm.fixation.still, arm.fixation.driven)
         )
         raise InputError(
@@ -228,7 +228,7 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
         ) from error
     total = holding * held
     if arm.loads:
-        total = total + whole.external_force(q, arm.loads)
+        total = total + whole.functions.external_force(q, arm.loads)
     values, calls = (q, still, still, total), whole.calls
     return calls.run_with_wrench(
         KERNELS[JOINT_REACTIONS[0]].loaded, None, values, wrench_rows(calls, q, arm.loads or None), z
@@ -320,10 +320,10 @@ def motion_between(first: Array, second: Array) -> Array:
 
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
     """Return J K^-1 J^T over what may move; coordinates that float in their clearance stay, also of loop joints."""
-    stuck = np.isin(kernel.velocities, floating(kernel, q))
+    stuck = np.isin(kernel.calls.coordinates, floating(kernel, q))
     refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
     cuts = np.isin(kernel.cut_laws, floating_cuts(kernel, q))
-    stays = kernel.cut_jacobian(q)[cuts] if cuts.any() else None
+    stays = kernel.functions.cut_jacobian(q)[cuts] if cuts.any() else None
     basis, independent = moving_basis(kernel, q, ~(fixation.locked | stuck), stays)
     J = kernel.frame_jacobian(q, frame) @ basis
     if not independent:
@@ -515,7 +515,7 @@ def _slopes(kernel: Kernel, joint: str, q: Array) -> Array:
     owned, zero = parameter_name("joints", joint, ""), np.zeros(kernel.n)
     forces = {name: 2.0 * x for name, x in kernel.parameters.items() if name.startswith(owned) and _is_spring(name)}
     once: Callable[..., Any] = kernel.residual_jacobian
-    twice: Callable[..., Any] = kernel.with_parameters(forces).residual_jacobian
+    twice: Callable[..., Any] = kernel.replaced(parameters=forces).residual_jacobian
     return np.asarray(twice(q, zero, zero)[0] - once(q, zero, zero)[0])
 
 

@@ -56,8 +56,8 @@ def constraint_hessian(kernel: Kernel, q: Array) -> Array:
     n = kernel.n
     row, column = np.triu_indices(n)
     unit = np.eye(n)
-    both = kernel.constraint_bias(q, unit[row] + unit[column])
-    single = kernel.constraint_bias(q, unit)
+    both = kernel.functions.constraint_bias(q, unit[row] + unit[column])
+    single = kernel.functions.constraint_bias(q, unit)
     half = 0.5 * (both - single[row] - single[column])
     result = np.empty((both.shape[1], n, n))
     result[:, row, column] = result[:, column, row] = half.T
@@ -113,7 +113,7 @@ def moving_basis(kernel: Kernel, q: Array, moving: Mask, stays: Array | None = N
     coordinates that describe it best.  ``stays``: derivatives by q of what else does not change, (k, n).
     """
     index = np.flatnonzero(moving)
-    rows = [kernel.constraint_jacobian(q)] if kernel.constraints else []
+    rows = [kernel.functions.constraint_jacobian(q)] if kernel.constraints else []
     rows += [stays] if stays is not None and len(stays) else []
     if not rows:
         return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
@@ -145,7 +145,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: Mask) -> None:
     index = np.flatnonzero(moving)
     if not kernel.constraints or not index.size:
         return
-    U, S, Vt = np.linalg.svd(kernel.constraint_jacobian(q)[:, index])
+    U, S, Vt = np.linalg.svd(kernel.functions.constraint_jacobian(q)[:, index])
     rank = int((S / max(S.max(initial=0.0), 1e-300) > SINGULAR).sum())
     left, null = U[:, rank:], Vt[rank:].T
     if not left.size or not null.size:
@@ -174,7 +174,7 @@ def _basis_rates(
 
     Independent rows are constant.
     """
-    inverse = np.linalg.pinv(kernel.constraint_jacobian(q)[:, bound], rcond=RANK)
+    inverse = np.linalg.pinv(kernel.functions.constraint_jacobian(q)[:, bound], rcond=RANK)
     rate, second = np.zeros_like(basis), np.zeros_like(basis)
     rate[bound] = -inverse @ (J_rate @ basis)
     second[bound] = -inverse @ (2.0 * J_rate @ rate + J_second @ basis)

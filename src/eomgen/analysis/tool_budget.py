@@ -175,7 +175,7 @@ class _Following:
         guess[:, index_of(names, result.program_coordinates)] = result.program_q
         held = [name for name in names if name not in result.passive]
         self.program = np.asarray(kernel.assemble(guess, held))
-        J = kernel.constraint_jacobian(self.program)
+        J = kernel.functions.constraint_jacobian(self.program)
         self.others = np.setdiff1d(np.arange(len(names)), self.passive)
         self.slopes = -np.linalg.pinv(J[:, :, self.passive], rcond=RANK) @ J[:, :, self.others]
 

@@ -78,7 +78,7 @@ class BenchResult:
     ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart, None where the
     textbook's algorithms do not know the robot.  ``call`` is the
     median time of one call of the kernel's method ``called`` from Python (ns), with ``Kernel.checks`` and without, and
-    ``is_direct`` says whether such calls go through the extension module, ``Kernel.is_direct``.  ``note``
+    ``is_direct`` says whether such calls go through the extension module, ``Functions.is_direct``.  ``note``
     says of a robot with loops which kernels close them, and that the textbook's algorithms know its tree alone.
     """
 
@@ -118,7 +118,11 @@ class BenchResult:
                 lines.append(_line("  " + row.counterpart.name, row.counterpart, ratio))
         if self.called:
             with_checks, without = (ns / 1e3 for ns in self.call)
-            face = "" if self.is_direct else " (through cffi: there is no extension module here, see kernel.is_direct)"
+            face = (
+                ""
+                if self.is_direct
+                else " (through cffi: there is no extension module here, see kernel.functions.is_direct)"
+            )
             lines += [
                 "",
                 f"kernel.{self.called} called from Python with one state: {with_checks:.3f} us{face}, with"
@@ -191,7 +195,7 @@ def bench(
         rows=tuple(rows),
         called=called,
         call=call,
-        is_direct=kernel.is_direct,
+        is_direct=kernel.functions.is_direct,
         note="; ".join(filter(None, (unknown, _closed_note(robot, kernel)))),
     )
 
@@ -219,7 +223,7 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
     arrays = [np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads]
     arguments = (*arrays, kernel.frames[0]) if function.is_framed else tuple(arrays)
     times = np.zeros((rounds, 2))
-    methods = [getattr(kernel.with_checks(wanted), name) for wanted in (True, False)]
+    methods = [getattr(kernel.replaced(checks=wanted), name) for wanted in (True, False)]
     for method in methods:
         method(*arguments)  # the first call may take another way
     for turn in times:
@@ -293,7 +297,7 @@ def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Genera
     home, driven = np.zeros(kernel.n), [model.coordinates[i] for i in model.driven]
     home[: len(model.home)] = model.home
     q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1
-    away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.velocities, driven)
+    away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.calls.coordinates, driven)
     while reach > SMALL:
         try:
             q = kernel.assemble(q + reach * away, fixed=driven)
@@ -388,7 +392,11 @@ def _measure(
     for state in range(STATES):
         failed = _call(kernel, function, [np.ascontiguousarray(array[state]) for array in arrays], out)
         if failed:
-            why = f"no inertia along {kernel.velocities[failed - 1]}" if failed <= kernel.n else "loops do not close"
+            why = (
+                f"no inertia along {kernel.calls.coordinates[failed - 1]}"
+                if failed <= kernel.n
+                else "loops do not close"
+            )
             note = f"not timed: {why} in state {state}"
             return Row(Contender(name, counts, 0.0, 0.0), note=note)
     ns = yardstick.stopwatch.time(timed, FRAME if function.is_framed else len(arrays), arrays, rounds)

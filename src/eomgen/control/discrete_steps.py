@@ -109,12 +109,12 @@ class DiscreteStep:
         object.__setattr__(self, "parameters", parameters)
         driven: Sequence[int] = kernel.raw.libraries.meta["driven"]
         given = [kernel.coordinates[i] for i in driven] if self.drives is None else self.drives
-        object.__setattr__(self, "drives", _names("drives", given, kernel.velocities))
+        object.__setattr__(self, "drives", _names("drives", given, kernel.calls.coordinates))
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the numbers of x: those of coordinates, then those of velocities, with internal states behind."""
-        return (*self.kernel.coordinates, *self.kernel.velocities)
+        return (*self.kernel.coordinates, *self.kernel.calls.coordinates)
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -126,7 +126,8 @@ class DiscreteStep:
     def together(self) -> Kernel:
         """The kernel with all that the step takes in one library of C."""
         needed = kernels_for_step(self.method, closed=True)
-        return self.kernel.together(*needed, *([SLOPES] if self._takes_slopes else []))
+        needed = (*needed, SLOPES) if self._takes_slopes else needed
+        return self.kernel.replaced(together=needed)
 
     @property
     def _takes_slopes(self) -> bool:
@@ -142,7 +143,7 @@ class DiscreteStep:
         """
         kernel, (way, number) = self.together, STEP_CODES[self.method]
         gradient = kernel.raw.gradients[f"{way}_gradient"].library
-        names, places = list(kernel.parameters), list(kernel.velocities)
+        names, places = list(kernel.parameters), list(kernel.calls.coordinates)
         n, every, kept = kernel.n, max(len(names), 1), gradient.meta["kept"][f"{way}_gradient"]
         sizes = self.sizes
         by_parameters &= bool(self.parameters)

@@ -109,7 +109,7 @@ class IndependentCoordinates:
         dq[:f] = dv[f:] = Z
         still, half = np.zeros_like(q), q.dtype.type(0.5)
         for row, along in zip(dv, Z, strict=False):
-            bias = half * self.kernel.jvp(self.kernel.constraint_bias, (q, v), (still, along))
+            bias = half * self.kernel.jvp(self.kernel.functions.constraint_bias, (q, v), (still, along))
             row[bound] = -inverse @ bias[rows]
         return dq, dv
 

@@ -37,7 +37,7 @@ class Slopes:
             np.zeros(kernel.n, kernel.dtype),
             dict.fromkeys((x for x in kernel.parameters if _is_gravity(x)), 0.0),
         )
-        K, B, _ = kernel.with_parameters(weightless).residual_jacobian(still, still, still)
+        K, B, _ = kernel.replaced(parameters=weightless).residual_jacobian(still, still, still)
         return cls(K, B)
 
     def describe(self, kernel: Kernel, dt: float) -> bool:
@@ -124,12 +124,12 @@ class FilterSteps:
             return acting.u, along
         still = np.zeros_like(acting.wrench)
         for d in range(f):
-            along[d] = kernel.jvp(kernel.external_force, (q, acting.wrench), (along_q[d], still))
+            along[d] = kernel.jvp(kernel.functions.external_force, (q, acting.wrench), (along_q[d], still))
         for d in range(6 * len(self.links)):
             unit = still.copy()
             unit[self.links[d // 6], d % 6] = 1.0
-            along[2 * f + d] = kernel.external_force(q, unit)
-        return acting.u + kernel.external_force(q, acting.wrench), along
+            along[2 * f + d] = kernel.functions.external_force(q, unit)
+        return acting.u + kernel.functions.external_force(q, acting.wrench), along
 
     def accelerations(self, q: Numbers, v: Numbers, acting: Acting) -> tuple[Numbers, Numbers]:
         """Return accelerations in a state, (n,), and their derivatives, (n, size)."""

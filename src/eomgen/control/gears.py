@@ -138,7 +138,7 @@ def gears_of(robot: Robot) -> Gears | None:
         ratios=np.array([motor.ratio for motor in motors]),
         damping=np.array([motor.transmission.damping or 0.0 for motor in motors]),
         linear=np.array([keys <= LINEAR for keys in own]),
-        kernel=build(_deflected(robot, joints), kernels=GEARS).with_checks(False),
+        kernel=build(_deflected(robot, joints), kernels=GEARS).replaced(checks=False),
     )
 
 

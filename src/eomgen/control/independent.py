@@ -51,7 +51,7 @@ class Independent:
             driven: indices of the driven coordinates.
         """
         M = np.asarray(kernel.mass_matrix(q), float)
-        J = np.asarray(kernel.constraint_jacobian(q), float) / np.sqrt(inertias(M))
+        J = np.asarray(kernel.functions.constraint_jacobian(q), float) / np.sqrt(inertias(M))
         rank, others = rank_of(J), np.setdiff1d(np.arange(kernel.n), driven)
         chosen = others[independent_columns(J[:, others], rank_of(J[:, others]))]
         if chosen.size < rank:  # more drives than freedoms
@@ -69,7 +69,7 @@ class Independent:
         Raises:
             SingularError: the independent coordinates do not hold the others in this state.
         """
-        J = kernel.constraint_jacobian(q)[..., list(self.rows), :]
+        J = kernel.functions.constraint_jacobian(q)[..., list(self.rows), :]
         try:
             inverse = np.linalg.inv(J[..., list(self.bound)])
         except np.linalg.LinAlgError:
@@ -88,4 +88,4 @@ class Independent:
         """Return J'^T mu, (..., n), with J_d^T mu = p_d: -Z^T of it is Z'^T p."""
         mu = np.zeros((*p.shape[:-1], len(kernel.constraints)), kernel.dtype)
         mu[..., list(self.rows)] = np.einsum("...br,...b->...r", inverse, p[..., list(self.bound)])
-        return np.asarray(kernel.dtype.type(0.5) * kernel.vjp(kernel.constraint_bias, (q, v), mu)[1])
+        return np.asarray(kernel.dtype.type(0.5) * kernel.vjp(kernel.functions.constraint_bias, (q, v), mu)[1])

@@ -332,7 +332,7 @@ class Observer:
         a, by = np.zeros(n, kernel.dtype), np.zeros((n, self._steps.size), kernel.dtype)
         if measurement.depends_on_acceleration:
             a, by = self._steps.accelerations(q, v, self._acting(self._u))
-        predicted = kernel.measurement(q, v, a)
+        predicted = kernel.functions.measurement(q, v, a)
         H_q, H_v, H_a = measurement.jacobian(kernel, q, v, a)
         H = np.zeros((len(self.measured), N), kernel.dtype)
         H[:, : self._steps.size] = H_a @ by
@@ -341,7 +341,7 @@ class Observer:
         weights = measurement.weights(predicted).astype(kernel.dtype)
         for i, name in enumerate(self.filter.parameters):
             still = (np.zeros(n, kernel.dtype),) * 3
-            moved = kernel.jvp(kernel.measurement, (q, v, a), still, parameters={name: 1.0})
+            moved = kernel.jvp(kernel.functions.measurement, (q, v, a), still, parameters={name: 1.0})
             H[:, 2 * f + 6 * len(self.filter.links) + i] += weights @ moved
         for i, row in enumerate(self._bias_rows):
             H[row, N - len(self._bias_rows) + i] = 1.0
@@ -509,7 +509,7 @@ def _independent(model: Model, parameters: Sequence[str]) -> Independent:
     rng = np.random.default_rng(POSE_SEED)
     for name in parameters:
         for q in rng.normal(size=(3, kernel.n)):
-            if kernel.jvp(kernel.constraint, (q,), (np.zeros(kernel.n),), parameters={name: 1.0}).any():
+            if kernel.jvp(kernel.functions.constraint, (q,), (np.zeros(kernel.n),), parameters={name: 1.0}).any():
                 raise InputError(
                     f"states: {name} changes how the loops of {model.name} close; allowed: parameters of forces and"
                     " masses"
@@ -548,9 +548,9 @@ def steps_of(model: FilterModel) -> FilterSteps:
         slopes = Slopes.of(kernel)
         if slopes.describe(kernel, model.dt):
             coordinates = AllCoordinates(model.model.size)
-            return FilterSteps(kernel.with_parameters({}), coordinates, model.dt, links, (), slopes)
+            return FilterSteps(kernel.replaced(), coordinates, model.dt, links, (), slopes)
     kernel = build(model.measurement.robot, kernels=kernels_of(model, is_linear=False), dtype=model.dtype)
-    kernel = kernel.with_parameters({})
+    kernel = kernel.replaced()
     return FilterSteps(kernel, _coordinates(model, kernel), model.dt, links, model.parameters, None)
 
 

@@ -237,7 +237,7 @@ class MomentumObserver:
 
     def _look(self, q: ArrayLike, v: ArrayLike) -> Sample:
         """Return p, and C^T v + Q; of a closed mechanism along its independent coordinates, which turn."""
-        both, of = self.kernel.generalized_momentum(q, v), self._independent
+        both, of = self.kernel.functions.generalized_momentum(q, v), self._independent
         momentum, force = both[..., 0, :], both[..., 1, :] + self.kernel.generalized_force(q, v)
         if of is None:
             return Sample(momentum, force, None)

@@ -199,10 +199,10 @@ class Measurement(Picklable):
             InputError: no kernel, or numbers of another shape, or not finite.
         """
         check_kind("kernel", kernel, isinstance(kernel, Kernel), "a Kernel (from build)")
-        W = self.weights(kernel.measurement(q, v, a)).astype(kernel.dtype)
+        W = self.weights(kernel.functions.measurement(q, v, a)).astype(kernel.dtype)
         states = (np.asarray(x, kernel.dtype)[..., None, :] for x in (q, v, a))
         rows = [np.ascontiguousarray(np.broadcast_to(x, (*W.shape[:-1], kernel.n))) for x in states]
-        H_q, H_v, H_a = kernel.vjp(kernel.measurement, rows, W)
+        H_q, H_v, H_a = kernel.vjp(kernel.functions.measurement, rows, W)
         return H_q, H_v, H_a
 
     def noisy(self, exact: ArrayLike, rng: np.random.Generator) -> Array:

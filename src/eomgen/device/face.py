@@ -338,7 +338,7 @@ class Device:
         entry = int(np.flatnonzero(~np.isfinite(numbers))[0])
         shape = {**loaded.reads, **loaded.writes}[label]
         index = tuple(int(i) for i in np.unravel_index(entry, shape))
-        names = self._kernel.augmented.velocities
+        names = self._kernel.augmented.calls.coordinates
         name = names[entry] if shape == (len(names),) else ""
         return f"{name or list(index)} in state {state} is {numbers[entry]}", name
 

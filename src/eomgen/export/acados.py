@@ -61,7 +61,7 @@ def export_acados(
     checked_step(chosen, step, substeps, parameters, build_model(robot).parameters)
     kernel = build(robot, kernels=kernels_for_step(chosen, closed=robot.is_closed), flags=("-O0",), progress=progress)
     made = DiscreteStep(kernel, chosen, step, substeps, parameters=parameters)
-    header, code = (made.together.source(ending) for ending in ("h", "c"))
+    header, code = (made.together.raw.source(ending) for ending in ("h", "c"))
     texts = {f"{kernel.name}.h": header, f"{kernel.name}.c": code.partition(BATCHES)[0]} | library_files()
     context = {
         **made.context(by_parameters=False, adjoint=False),

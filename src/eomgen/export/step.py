@@ -82,7 +82,7 @@ def _open(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
 def _coarse(kernel: Kernel) -> Kernel:
     """Return the kernel with friction that reverses over COARSE at least."""
     narrow = {key for key, x in kernel.parameters.items() if key.endswith("friction.smoothing") and x < COARSE}
-    return kernel.with_parameters(dict.fromkeys(narrow, COARSE)) if narrow else kernel
+    return kernel.replaced(parameters=dict.fromkeys(narrow, COARSE)) if narrow else kernel
 
 
 def _closed(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:

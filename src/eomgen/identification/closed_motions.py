@@ -40,7 +40,7 @@ def closed_motion(
     known = np.isin(names, measured) | (stiffnesses(kernel) > 0.0) | prescribed_mask(kernel)
     q = np.where(known, q, np.array(model.home))
     q[0] = kernel.assemble(q[0], _names(kernel, known & _may_stay(kernel, q[0], known)))
-    J = kernel.constraint_jacobian(q[0])
+    J = kernel.functions.constraint_jacobian(q[0])
     _refuse_unknown(kernel, J, known)
     held = known if rank_of(J[:, ~known]) == rank_of(J) else prescribed_mask(kernel)
     stays = _names(kernel, held)
@@ -49,7 +49,7 @@ def closed_motion(
     near = np.arange(len(q)) // STRIDE * STRIDE
     q = kernel.assemble(np.where(known, q, q[near]), stays)
     v = kernel.project_velocity(q, np.where(known, v, 0.0), stays)
-    J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
+    J, bias = kernel.functions.constraint_jacobian(q), kernel.functions.constraint_bias(q, v)
     a = np.where(known, a, 0.0)
     missing = np.einsum("tmn,tn->tm", J, a) + bias
     a[:, ~held] -= np.einsum("tnm,tm->tn", np.linalg.pinv(J[:, :, ~held], rcond=RANK), missing)
@@ -58,7 +58,7 @@ def closed_motion(
 
 def _may_stay(kernel: Kernel, q: Array, known: Mask) -> Mask:
     """Choose what stays while the first sample is closed: all that is known, if the others can close it, or nothing."""
-    J = kernel.constraint_jacobian(q)
+    J = kernel.functions.constraint_jacobian(q)
     return np.full(known.size, rank_of(J[:, ~known]) == rank_of(J))
 
 

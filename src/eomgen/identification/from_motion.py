@@ -31,6 +31,7 @@ from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.parameter_names import JOINTS
 from ..robot.value import ANGULAR
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.elements import damping_forces, stiffness_forces
@@ -280,17 +281,17 @@ def forces(
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     rows = deflections(kernel)
     numbers = (np.array([law.get(key, 0.0) for law in law_numbers(kernel).values()]) for key in KEYS)
-    off = np.concatenate([np.zeros(kernel.n), kernel.follower_matrix()[1]])  # of followers, where coordinates are 0
+    off = np.concatenate([np.zeros(kernel.n), follower_matrix(kernel)[1]])  # of followers, where coordinates are 0
     pairs_of = zip((q, v), (off, 0.0 * off), numbers, strict=True)
     spring, damper = (-((x @ rows.T + shift) * k) @ rows for x, shift, k in pairs_of)
     spring, damper = spring - stiffness_forces(kernel, q), damper - damping_forces(kernel, q, v)
     line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
     if kernel.springs:
-        pairs = np.asarray(kernel.spring_forces(q, v))
-        line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
+        pairs = np.asarray(kernel.functions.spring_forces(q, v))
+        line = -np.einsum("tsn,ts->tn", kernel.functions.spring_jacobian(q), pairs[..., 1])
     if kernel.element_rows:
-        resisting = np.asarray(kernel.element_forces(q, v))[..., 1]
-        line = line - np.einsum("ten,te->tn", kernel.element_jacobian(q), resisting)
+        resisting = np.asarray(kernel.functions.element_forces(q, v))[..., 1]
+        line = line - np.einsum("ten,te->tn", kernel.functions.element_jacobian(q), resisting)
     closing = _closing(kernel, q, v, np.asarray(kernel.inverse_dynamics(q, v, a, cut=True)) - drive)
     held = [name for name in motion.coordinates if name not in {*motion.measured, *following}]
     if held:
@@ -328,8 +329,8 @@ def _closing(kernel: Kernel, q: Array, v: Array, rigid: Array) -> Array:
     """
     if not kernel.cut_laws:
         return rigid
-    resisting = kernel.cut_forces(q, v)[..., 1]
-    return np.asarray(rigid - np.einsum("tcn,tc->tn", kernel.cut_jacobian(q), resisting))
+    resisting = kernel.functions.cut_forces(q, v)[..., 1]
+    return np.asarray(rigid - np.einsum("tcn,tc->tn", kernel.functions.cut_jacobian(q), resisting))
 
 
 def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:

@@ -73,7 +73,7 @@ class BaseParameters(Shown):
 
         Args:
             kernel: of that robot, with its regressor.
-            q, v, a: (..., n), as of ``kernel.regressor``.
+            q, v, a: (..., n), as of ``kernel.functions.regressor``.
         """
         return columns(kernel, q, v, a, self.terms, self.relations)[1][..., self.chosen]
 
@@ -282,7 +282,7 @@ def columns(
         InputError: no terms, or unknown ones, or transmissions of a robot without motors.
     """
     names = parameter_names(kernel, terms, relations)
-    Y = kernel.regressor(q, v, a)
+    Y = kernel.functions.regressor(q, v, a)
     rates = np.broadcast_to(np.asarray(v, dtype=np.float64), Y.shape[:-1])
     parts = [Y[..., inertial_places(kernel, terms, relations)]]
     unit_rows = np.eye(kernel.n)[:, _rubbing(kernel, relations)]

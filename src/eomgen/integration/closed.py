@@ -60,7 +60,7 @@ class ClosedSystem(System):
         """Return y of the initial state, assembled to the last digit; LoopError if constraints are violated."""
         self.prescribe(t, q, v)
         kernel = self.here
-        residuals, velocity_residuals = kernel.constraint(q), kernel.constraint_jacobian(q) @ v
+        residuals, velocity_residuals = kernel.functions.constraint(q), kernel.functions.constraint_jacobian(q) @ v
         if np.abs(residuals).max() > OPEN:
             raise left_open(kernel.raw, residuals, "is open", "q of kernel.assemble")
         if np.abs(velocity_residuals).max() > OPEN * max(1.0, float(np.abs(v).max())):
@@ -182,18 +182,20 @@ class ClosedSystem(System):
         solution = self._constrained(t, q[np.newaxis], v[np.newaxis], accelerations)[0]
         a, multipliers = solution[:n], solution[n : n + len(self.kernel.constraints)]
         needed = self.here.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
-        needed -= self.here.constraint_jacobian(q).T @ multipliers
+        needed -= self.here.functions.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
 
     def _prescribed_forces(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
         """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
-        kernel, n, loads = self.here.with_checks(False), self.n, u
+        kernel, n, loads = self.here.replaced(checks=False), self.n, u
         if wrench is not None:
-            loads = np.where(self._free, kernel.calls.arrays.beside_drives(u, kernel.external_force(q, wrench)), u)
+            loads = np.where(
+                self._free, kernel.calls.arrays.beside_drives(u, kernel.functions.external_force(q, wrench)), u
+            )
         solution = kernel.calls.run(self._function.name, None, (q, v, loads))
         a, multipliers = np.ascontiguousarray(solution[:, :n]), solution[:, n : n + len(kernel.constraints)]
         needed = kernel.residual(q, v, a, np.zeros(n), wrench=wrench)
-        return np.asarray(needed - np.einsum("tmn,tm->tn", kernel.constraint_jacobian(q), multipliers))
+        return np.asarray(needed - np.einsum("tmn,tm->tn", kernel.functions.constraint_jacobian(q), multipliers))
 
     def margins(self, q: Array) -> Array | None:
         """Return the ratio of J's smallest singular value within its rank to the greatest, at samples, (T,).
@@ -204,16 +206,16 @@ class ClosedSystem(System):
         if len(self.kernel.constraints) * moving.size > LARGE or not self.chart.rank:
             return None
         inertia = inertias(self.here.mass_matrix(q))[:, np.newaxis, moving]
-        scaled = self.here.constraint_jacobian(q)[:, :, moving] / np.sqrt(inertia)
+        scaled = self.here.functions.constraint_jacobian(q)[:, :, moving] / np.sqrt(inertia)
         sizes = np.linalg.svd(scaled, compute_uv=False)
         return np.asarray(sizes[:, self.chart.rank - 1] / np.maximum(sizes[:, 0], 1e-300))
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Return counts, the greatest |g| and |J v| over samples, (T, n), and the number of redundant constraints."""
-        velocity_residuals = np.einsum("tmn,tn->tm", self.here.constraint_jacobian(q), v)
+        velocity_residuals = np.einsum("tmn,tn->tm", self.here.functions.constraint_jacobian(q), v)
         return {
             **super().about(q, v),
-            "gap": float(np.abs(self.here.constraint(q)).max()),
+            "gap": float(np.abs(self.here.functions.constraint(q)).max()),
             "gap_rate": float(np.abs(velocity_residuals).max()),
             "redundant": float(len(self.kernel.constraints) - self.chart.rank),
         }
@@ -294,7 +296,7 @@ class ClosedSystem(System):
         u = np.array(self.drives(t, q, v)) if drives else np.zeros(q.shape)
         wrench = self._wrenches(t, q, v)
         if wrench is not None:
-            u = self.here.calls.arrays.beside_drives(u, self.here.external_force(q, wrench))
+            u = self.here.calls.arrays.beside_drives(u, self.here.functions.external_force(q, wrench))
         return u
 
     def _wrenches(self, t: float, q: Array, v: Array) -> ArrayLike | None:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Array
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..state.elements import Numbers
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
@@ -83,7 +84,7 @@ class CoordinateEnds(Ends):
     def __init__(self, kernel: Kernel) -> None:
         self.ends = _ends(law_numbers(kernel))
         deflected, names = deflections(kernel), acting(kernel)
-        followers, offsets = kernel.follower_matrix()
+        followers, offsets = follower_matrix(kernel)
         coordinates, shifts = np.vstack([np.eye(kernel.n), followers]), np.concatenate([np.zeros(kernel.n), offsets])
         index = [names.index(end.name) for end in self.ends]
         rows = [
@@ -113,10 +114,10 @@ class CutEnds(Ends):
         self._places = np.array([end.place for end in self.ends])
 
     def gaps(self, q: Array, v: Array) -> Array:
-        return np.asarray(self._sides * self._kernel.cut_forces(q, v)[..., self._index, 0] - self._places)
+        return np.asarray(self._sides * self._kernel.functions.cut_forces(q, v)[..., self._index, 0] - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        here, velocity = self.ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
+        here, velocity = self.ends[end], self._kernel.functions.cut_jacobian(q)[self._index[end]] @ v
         return Contact(t, here.name, here.side, closes, float(velocity), here.kind)
 
 
@@ -149,7 +150,9 @@ class CutBearings(Bearings):
         return super().gaps(cut_deviations(self._kernel, q), v)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
-        return super().contact(end, t, cut_deviations(self._kernel, q), self._kernel.cut_jacobian(q) @ v, closes)
+        return super().contact(
+            end, t, cut_deviations(self._kernel, q), self._kernel.functions.cut_jacobian(q) @ v, closes
+        )
 
 
 class ContactWatch:

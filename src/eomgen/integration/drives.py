@@ -47,7 +47,7 @@ def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFu
     """
     if drive is None or callable(drive):
         return drive
-    return ConstantDrive(state_vector("drive", drive, kernel.velocities))
+    return ConstantDrive(state_vector("drive", drive, kernel.calls.coordinates))
 
 
 def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None) -> tuple[Array, Array]:
@@ -57,9 +57,9 @@ def begin_of(kernel: Kernel, q0: ArrayLike, v0: ArrayLike, z0: ArrayLike | None)
         ArrayError: another shape, or a number that is not finite.
         InputError: z0 where no force law has internal states.
     """
-    if z0 is not None and (kernel.is_augmented or not kernel.internal_states):
+    if z0 is not None and kernel.augmented is kernel:
         raise InputError(f"z0: no force law of {kernel.name} has internal states; allowed: none")
-    q, v = (state_vector(label, x, kernel.velocities) for label, x in (("q0", q0), ("v0", v0)))
+    q, v = (state_vector(label, x, kernel.calls.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     still = np.zeros(kernel.augmented.n - kernel.n)
     z = still if z0 is None else state_vector("z0", z0, kernel.internal_states)
     return np.concatenate([q, still]), np.concatenate([v, z])

@@ -12,6 +12,7 @@ from ..errors import check_kind
 from ..names import component_name
 from ..robot.internal_states.bristles import BRISTLES, sliding_force
 from ..robot.laws import SMOOTHING
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
@@ -52,11 +53,11 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     widths, intervals = smoothings(kernel), list[Rest]()
     if not (widths or kernel.internal_states) or t.size < 2:
         return ()
-    rates = dict(zip(acting(kernel), np.hstack([v, v @ kernel.follower_matrix()[0].T]).T, strict=True))
+    rates = dict(zip(acting(kernel), np.hstack([v, v @ follower_matrix(kernel)[0].T]).T, strict=True))
     laws = {name: x for name, x in law_numbers(kernel).items() if name not in kernel.prescribed}
     cut = {name: x for name, x in cut_numbers(kernel).items() if _has_coulomb_friction(x)}
     if cut:
-        rows = kernel.cut_jacobian(q)[:, [kernel.cut_laws.index(name) for name in cut]]
+        rows = kernel.functions.cut_jacobian(q)[:, [kernel.cut_laws.index(name) for name in cut]]
         rates |= dict(zip(cut, np.einsum("tij,tj->it", rows, v), strict=True))
     for name, numbers in (laws | cut).items():
         if not _has_coulomb_friction(numbers):

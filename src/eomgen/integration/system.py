@@ -121,7 +121,7 @@ class System:
             rows = len(kernel.links), 6
             numbers = numbers_in("wrench", wrench, f"numbers of shape {rows}, or by frame or link", finite=False)
             if numbers.shape == rows:  # another shape is the kernel's to refuse
-                kernel.refuse_not_finite("wrench", numbers, rows)
+                kernel.calls.arrays.refuse_not_finite("wrench", numbers, rows)
         self._no_drive = np.zeros(self.n)
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
@@ -252,7 +252,7 @@ class System:
 
     def _prescribed_forces(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
         """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
-        kernel = self.here.with_checks(False)
+        kernel = self.here.replaced(checks=False)
         a = kernel.forward_dynamics(q, v, u, wrench=wrench)
         return np.asarray(kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True))
 
@@ -285,7 +285,7 @@ class System:
         """Raise ArrayError where one of the values, (n,), (N, n) or wrenches, is not finite."""
         if not np.isfinite(values).all():
             shape = (len(self.kernel.links), 6) if label == "wrench" else (self.n,)
-            self.kernel.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
+            self.kernel.calls.arrays.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
 
     def evaluated(self, t: float, y: Array) -> None:
         """Count an evaluation at t, s, and y; IntegrationError where evaluations lead nowhere."""
@@ -356,7 +356,7 @@ class System:
         """Differentiate accelerations by (q, v), (n, 2n); ``prescribed`` are those of prescribed coordinates, (m,)."""
         u, wrench = np.array(self.drives(t, q, v)), self.wrench(t, q, v)
         if wrench is not None:
-            u = self.here.calls.arrays.beside_drives(u, self.here.external_force(q, wrench))
+            u = self.here.calls.arrays.beside_drives(u, self.here.functions.external_force(q, wrench))
         u[self._prescribed_index] = prescribed
         da_dq, da_dv, da_du = self.here.forward_dynamics_jacobian(q, v, u)
         slopes, loads = np.hstack([da_dq, da_dv]), self._load_slopes(t, q, v)
@@ -447,7 +447,7 @@ class System:
             drives = self.drives(t, qs, vs)
             slopes[:] = (drives[1:] - drives[0]).T / steps
         if wrench is not None:
-            forces = self.here.external_force(qs[: n + 1], wrench)
+            forces = self.here.functions.external_force(qs[: n + 1], wrench)
             forces = self.here.calls.arrays.beside_drives(np.zeros_like(forces), forces)
             slopes[:, :n] += (forces[1:] - forces[0]).T / steps[:n]
         return slopes
@@ -467,14 +467,14 @@ class System:
         bad = np.flatnonzero(~np.isfinite(seen))
         name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:
-            name = self.kernel.velocities[int(bad[0]) % self.n]
+            name = self.kernel.calls.coordinates[int(bad[0]) % self.n]
             what = f"{name} is not finite"
         elif name:  # the trouble says it
             return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
             velocities, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
             worst = int(np.argmax(velocities / sizes) if velocities.any() else np.argmin(sizes))
-            name = self.kernel.velocities[worst]
+            name = self.kernel.calls.coordinates[worst]
             what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
             if not velocities.any():
                 what = f"nothing moves, {name} is the stiffest"

@@ -180,7 +180,7 @@ def trajectory_of(
     trajectory = None
     if last >= 0:
         about = described(rows["t"], rows["q"], rows["v"])
-        trajectory = Trajectory(**rows, coordinates=system.kernel.velocities, **about)
+        trajectory = Trajectory(**rows, coordinates=system.kernel.calls.coordinates, **about)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)
@@ -194,7 +194,7 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[dict[str,
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, trouble = system.forces_over(times, q, v)
     end = len(u)
-    energy = np.asarray(system.kernel.with_checks(False).energy(q[:end], v[:end]))
+    energy = np.asarray(system.kernel.replaced(checks=False).energy(q[:end], v[:end]))
     bad = ~np.isfinite(energy).all(axis=1)
     if bad.any():
         end = int(bad.argmax())

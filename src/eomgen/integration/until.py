@@ -76,7 +76,7 @@ class Until:
         Raises:
             InputError: there is no coordinate or state of that name, or the value is not finite.
         """
-        names = kernel.augmented.velocities
+        names = kernel.augmented.calls.coordinates
         if name not in names:
             raise InputError(f"until: {show(name)}{nearest(name, names)} is no coordinate; allowed: {listed(names)}")
         _refuse_not_finite("value", value)

@@ -66,7 +66,7 @@ class Chart:
         """
         self.kernel = kernel
         moving = np.flatnonzero(~(prescribed_mask(kernel) if prescribed is None else prescribed))
-        J = kernel.constraint_jacobian(q)
+        J = kernel.functions.constraint_jacobian(q)
         self._sizes = 1.0 / np.sqrt(inertias(kernel.mass_matrix(q)))  # of equal kinetic energy
         scaled = J * self._sizes
         self.rank = rank_of(scaled[:, moving])
@@ -165,7 +165,7 @@ class Chart:
         """
         kernel, n = self.kernel, self.kernel.n
         for label, x in zip("qva", arrays[:3], strict=True):
-            kernel.refuse_not_finite(label, x, (n,))
+            kernel.calls.arrays.refuse_not_finite(label, x, (n,))
         q, g = np.atleast_2d(out)[:, :n], np.atleast_2d(out)[:, self._ends[-2] :]
         violations = np.abs(g).max(axis=1)
         bad = ~(violations <= NEARLY)
@@ -173,7 +173,7 @@ class Chart:
             worst = int(np.where(bad, violations, 0.0).argmax())
             return left_open(kernel.raw, g[worst], "comes open", "a motion that stays where it closes")
         worst = int((~np.isfinite(np.atleast_2d(out)).all(axis=1)).argmax())
-        return self._singular(kernel.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
+        return self._singular(kernel.functions.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
 
     def _singular(self, J: Array) -> LoopError:
         """Return the error that dependent coordinates do not follow where the constraint has this Jacobian."""

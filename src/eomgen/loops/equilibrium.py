@@ -64,10 +64,10 @@ def closed_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, fixed=fixed, wrench=wrench, z=z)[0]
-    guess, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
+    guess, width = joined_vector(kernel, "q_guess", q_guess, kernel.calls.coordinates), kernel.n
     kernel = kernel.augmented
     kept = known_coordinates(fixed, kernel) | set(kernel.prescribed)
-    stays = np.array([name in kept or name in kernel.internal_states for name in kernel.velocities])
+    stays = np.array([name in kept or name in kernel.internal_states for name in kernel.calls.coordinates])
     inputs, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
     places = drives.places(guess, inputs, kept)
     guess[list(places)] = list(places.values())

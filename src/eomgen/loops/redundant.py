@@ -53,7 +53,9 @@ def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
         )
     q, free = state_vector("q", q, kernel.coordinates), ~prescribed_mask(kernel)
     M = np.asarray(kernel.mass_matrix(q.astype(kernel.dtype)), dtype=np.float64)[np.ix_(free, free)]
-    factors = Factors(np.asarray(kernel.constraint_jacobian(q.astype(kernel.dtype)), dtype=np.float64)[:, free], M)
+    factors = Factors(
+        np.asarray(kernel.functions.constraint_jacobian(q.astype(kernel.dtype)), dtype=np.float64)[:, free], M
+    )
     return factors.redundancy(kernel.constraints)
 
 

@@ -113,10 +113,10 @@ def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayL
     """Integrate work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; arguments at all of its times."""
     prescribed = prescribed_mask(kernel)
     power = np.zeros((t.size, len(TERMS)))
-    by_drive = (kernel.drive_forces(q, v, u) if has_drives(kernel) else u) * v
+    by_drive = (kernel.functions.drive_forces(q, v, u) if has_drives(kernel) else u) * v
     power[:, 0], power[:, 1] = by_drive[:, ~prescribed].sum(axis=1), by_drive[:, prescribed].sum(axis=1)
     if wrench is not None:
-        power[:, 2] = (kernel.external_force(q, wrench) * v).sum(axis=1)
+        power[:, 2] = (kernel.functions.external_force(q, wrench) * v).sum(axis=1)
     passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
     power[:, 4] = (passive * v).sum(axis=1)
     spans = t[4::4] - t[:-1:4]

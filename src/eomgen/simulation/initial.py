@@ -16,6 +16,7 @@ from ..robot.coordinates import force_unit_of, index_of
 from ..robot.mechanism import leading_home
 from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.drives import has_drives, settled
@@ -35,14 +36,14 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         q, v = (np.array(x) for x in assembly.begin)
         return q, v, ()
     home = leading_home(robot)
-    q, v = np.array([home.get(name, 0.0) for name in kernel.velocities]), np.zeros(kernel.n)
+    q, v = np.array([home.get(name, 0.0) for name in kernel.calls.coordinates]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
     for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
     for name, value in initial_internal_states(robot, scenario, kernel.internal_states).items():
-        v[kernel.velocities.index(name)] = value
+        v[kernel.calls.coordinates.index(name)] = value
     velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in velocities.items():
         v[kernel.coordinates.index(name)] = value
@@ -134,7 +135,7 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in stiff.items() if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(law_numbers(kernel))} | journals_in_play(kernel)
-    for name, row in zip(kernel.follower_names, kernel.follower_matrix()[0], strict=True):
+    for name, row in zip(kernel.follower_names, follower_matrix(kernel)[0], strict=True):
         played |= {kernel.coordinates[i] for i in np.flatnonzero(row)} if name in played else set()
     return tuple(name for name, k in stiff.items() if (k == 0.0 or name in played) and name not in moved)
 
@@ -157,8 +158,8 @@ def _balanced(
         if wrenches is None:
             return u
         if qs.ndim == 1:
-            return beside(u, kernel.external_force(qs, wrenches(0.0, qs, zero)))
-        return beside(u, kernel.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs])))
+            return beside(u, kernel.functions.external_force(qs, wrenches(0.0, qs, zero)))
+        return beside(u, kernel.functions.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs])))
 
     states = z if z.size else None
     try:
@@ -205,4 +206,4 @@ def _without_clearances(kernel: Kernel) -> Kernel | None:
     bearings = kernel.elements.get(CUT_BEARINGS, {})
     gaps = [names[places["clearance"]] for places in (*cuts.values(), *bearings.values()) if "clearance" in places]
     open_gaps = [name for name in gaps if kernel.parameters[name]]
-    return kernel.with_parameters(dict.fromkeys(open_gaps, 0.0)) if open_gaps else None
+    return kernel.replaced(parameters=dict.fromkeys(open_gaps, 0.0)) if open_gaps else None

@@ -222,7 +222,7 @@ def run_assembly(
         rigid_q[:, mechanism] = assembly.path.at(t)
     elif kernel.constraints:
         rigid_q = q
-    exerted = kernel.drive_forces(q, motion.v, motion.u) if has_drives(kernel) else motion.u
+    exerted = kernel.functions.drive_forces(q, motion.v, motion.u) if has_drives(kernel) else motion.u
     notes = [
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
@@ -348,7 +348,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
 
 def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
     """Say which coordinates start beyond a stop, in lines."""
-    places = dict(zip(kernel.velocities, q.tolist(), strict=True))
+    places = dict(zip(kernel.calls.coordinates, q.tolist(), strict=True))
     places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
     for name, (lower, upper) in stops(law_numbers(kernel)).items():
         place, unit = places[name], unit_of(name)

@@ -164,7 +164,7 @@ def run_segments(
     sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
     taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
-    trajectory = Trajectory(**whole, coordinates=kernel.velocities, **about)
+    trajectory = Trajectory(**whole, coordinates=kernel.calls.coordinates, **about)
     return SegmentedMotion(
         trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop, estimate
     )

@@ -226,7 +226,7 @@ class _Batch:
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self.robot.name,
-            trajectory=Trajectory(*parts, kernel.velocities, method, info).apart(kernel),
+            trajectory=Trajectory(*parts, kernel.calls.coordinates, method, info).apart(kernel),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,

@@ -54,7 +54,9 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
         q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
     """
     by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, v, u))
-    inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.velocities])
+    inputs = np.diag(
+        [float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.calls.coordinates]
+    )
     for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
         i = kernel.coordinates.index(name)
         inputs[i, place] = 1.0  # a force beside the drive
@@ -218,7 +220,7 @@ def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tupl
         error = abs(u[i] - wanted[i]) if one.heeds else 0.0
         if error > NEAR * max(abs(u[i]), abs(wanted[i]), abs(wanted[i] - q[i] * one.follows), TINY):
             own = f"{kernel.coordinates[i]}.{DRIVE}."
-            index = [k for k, name in enumerate(kernel.velocities) if name.startswith(own)]
+            index = [k for k, name in enumerate(kernel.calls.coordinates) if name.startswith(own)]
             result[index] = v[index]
             lost.append(kernel.coordinates[i])
     return result, tuple(lost)

@@ -55,7 +55,7 @@ def element_couplings(kernel: Kernel) -> tuple[Array, Array]:
 
 def joint_stiffness(kernel: Kernel) -> Array:
     """Return the stiffness matrices of joints, and what couples modes, (n, n), N/m, N/rad, N m/rad."""
-    return _matrices(kernel, STIFFNESSES, kernel.velocities) + _between_modes(kernel)[0]
+    return _matrices(kernel, STIFFNESSES, kernel.calls.coordinates) + _between_modes(kernel)[0]
 
 
 def cut_matrices(kernel: Kernel) -> tuple[Array, Array]:
@@ -107,14 +107,14 @@ def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
 
 def _coupling_damping(kernel: Kernel) -> Array:
     """Return the damping matrices of joints, and what couples modes, (n, n)."""
-    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.velocities) + _between_modes(kernel)[1]
+    return _damping_matrices(kernel, STIFFNESSES, MOTIONS, kernel.calls.coordinates) + _between_modes(kernel)[1]
 
 
 def _between_modes(kernel: Kernel) -> tuple[Array, Array]:
     """Return stiffness and damping of modes that work on each other beside the diagonals, (n, n) each."""
     stiffness, damping = np.zeros((2, kernel.n, kernel.n))
     for one, other, k, d in kernel.modal_couplings:
-        i, j = kernel.velocities.index(one), kernel.velocities.index(other)
+        i, j = kernel.calls.coordinates.index(one), kernel.calls.coordinates.index(other)
         stiffness[i, j] = stiffness[j, i] = k
         damping[i, j] = damping[j, i] = d
     return stiffness, damping

@@ -57,10 +57,10 @@ def static_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.constraints:
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
-    q, width = joined_vector(kernel, "q_guess", q_guess, kernel.velocities), kernel.n
+    q, width = joined_vector(kernel, "q_guess", q_guess, kernel.calls.coordinates), kernel.n
     kernel = kernel.augmented
     kept = known_coordinates(fixed, kernel) | set(kernel.prescribed) | set(kernel.internal_states)
-    free = np.array([name not in kept for name in kernel.velocities])
+    free = np.array([name not in kept for name in kernel.calls.coordinates])
     states = state_values(kernel, z)
     refuse_moving(kernel, states)
     zero, rates = np.zeros(kernel.n), at_rest_with(kernel, states)
@@ -119,7 +119,7 @@ def given_forces(
     Args:
         u: of drives, as of ``static_equilibrium``, over the first ``width`` numbers of q.
     """
-    names = kernel.velocities[:width]
+    names = kernel.calls.coordinates[:width]
     constant = np.zeros(width) if u is None or callable(u) else state_vector("u", u, names)
 
     def applied(qs: Array) -> Array:
@@ -164,7 +164,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
         states[np.arange(1, index.size + 1), index] += Q_STEP
         r = residual(states)[:, free] / inertia  # as accelerations
         slopes = (r[1:] - r[0]).T / Q_STEP * size
-        refuse_singular(slopes, [kernel.velocities[i] for i in index], kernel.name)
+        refuse_singular(slopes, [kernel.calls.coordinates[i] for i in index], kernel.name)
         change = -np.linalg.solve(slopes, r[0]) * size
         change *= 0.5 / max(0.5, np.abs(change).max())
         for factor in 0.5 ** np.arange(12):

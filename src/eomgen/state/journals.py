@@ -81,13 +81,13 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
 
 
 def cut_contacts(kernel: Kernel) -> list[JournalContact]:
-    """Return the contacts of the journals of loop joints, in deviations as of ``Kernel.cut_forces``."""
+    """Return the contacts of the journals of loop joints, in deviations as of ``Functions.cut_forces``."""
     return contacts_of(element_numbers(kernel, CUT_BEARINGS), kernel.cut_laws)
 
 
 def cut_deviations(kernel: Kernel, q: Array) -> Array:
     """Return deviations of what is in ``cut_laws`` at q, (..., n)."""
-    deviations: Array = kernel.cut_forces(q, np.zeros_like(q))[..., 0]
+    deviations: Array = kernel.functions.cut_forces(q, np.zeros_like(q))[..., 0]
     return deviations
 
 
@@ -96,7 +96,7 @@ def cut_stiffness(kernel: Kernel, q: Array) -> Array:
     contacts = cut_contacts(kernel)
     if not contacts:
         return np.zeros((kernel.n, kernel.n))
-    return _stiffness(contacts, cut_deviations(kernel, q), np.asarray(kernel.cut_jacobian(q)))
+    return _stiffness(contacts, cut_deviations(kernel, q), np.asarray(kernel.functions.cut_jacobian(q)))
 
 
 def journal_stiffness(kernel: Kernel) -> Array:

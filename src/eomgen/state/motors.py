@@ -7,6 +7,7 @@ from collections.abc import Container
 import numpy as np
 
 from ..arrays import Array
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 
 
@@ -17,7 +18,7 @@ def shafts(kernel: Kernel) -> dict[str, str]:
 
 def acting(kernel: Kernel) -> tuple[str, ...]:
     """Return names of what laws of joints act on: coordinates, internal states, and behind them what follows them."""
-    return (*kernel.velocities, *kernel.follower_names)
+    return (*kernel.calls.coordinates, *kernel.follower_names)
 
 
 def deflections(kernel: Kernel) -> Array:
@@ -25,7 +26,7 @@ def deflections(kernel: Kernel) -> Array:
 
     Behind them stand followers, which are off by their offsets.
     """
-    rows = np.vstack([np.eye(kernel.n), kernel.follower_matrix()[0]])
+    rows = np.vstack([np.eye(kernel.n), follower_matrix(kernel)[0]])
     for motor, principal in kernel.motors.items():
         m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
         rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0

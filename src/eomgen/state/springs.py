@@ -12,6 +12,7 @@ from ..errors import check_kind
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, states_of, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
+from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
 from .elements import (
@@ -71,7 +72,7 @@ def _contact_stiffness(kernel: Kernel) -> Array:
 def _on_diagonal(kernel: Kernel, slopes: Sequence[float]) -> Array:
     """Return the diagonal over coordinates, (n,), of slopes by each of ``acting`` itself."""
     diagonal = np.array(slopes)
-    return np.asarray(diagonal[: kernel.n] + diagonal[kernel.n :] @ kernel.follower_matrix()[0] ** 2)
+    return np.asarray(diagonal[: kernel.n] + diagonal[kernel.n :] @ follower_matrix(kernel)[0] ** 2)
 
 
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
@@ -155,7 +156,11 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
     rates, known = np.full(kernel.n, np.inf), smoothings(kernel)
     if not known:
         return rates
-    rows = [*np.eye(kernel.n), *kernel.follower_matrix()[0], *(kernel.cut_jacobian(q) if kernel.cut_laws else ())]
+    rows = [
+        *np.eye(kernel.n),
+        *follower_matrix(kernel)[0],
+        *(kernel.functions.cut_jacobian(q) if kernel.cut_laws else ()),
+    ]
     for name, row in zip((*acting(kernel), *kernel.cut_laws), rows, strict=True):
         rates[row != 0.0] = np.minimum(rates[row != 0.0], known.get(name, np.inf))
     return np.asarray(np.maximum(rates, SHARPEST))
@@ -196,17 +201,20 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
-        jacobian = kernel.spring_jacobian(q)
+        jacobian = kernel.functions.spring_jacobian(q)
         numbers = element_numbers(kernel, LINES)
         damping = np.array([numbers.get(name, {}).get("damping", 0.0) for name in kernel.springs])
-        stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), jacobian.T @ (damping[:, None] * jacobian)
+        stiffness, slowing = (
+            np.asarray(kernel.functions.spring_stiffness(q)),
+            jacobian.T @ (damping[:, None] * jacobian),
+        )
     if kernel.element_rows:
-        rows, (k, c) = np.asarray(kernel.element_jacobian(q)), element_slopes(kernel)
+        rows, (k, c) = np.asarray(kernel.functions.element_jacobian(q)), element_slopes(kernel)
         stiffness, slowing = stiffness + rows.T @ (k[:, None] * rows), slowing + rows.T @ (c[:, None] * rows)
         between, beside = element_couplings(kernel)
         stiffness, slowing = stiffness + rows.T @ between @ rows, slowing + rows.T @ beside @ rows
     if kernel.cut_laws:
-        rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
+        rows, numbers = kernel.functions.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
         c = np.array([law.get("damping", 0.0) + rate_slope_of(law, least) for law in numbers.values()])
         k = k + [contact_stiffness_of(law) for law in numbers.values()] if touching else k
@@ -227,7 +235,7 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     inertia = np.diagonal(kernel.mass_matrix(q))
     n = len(kernel.coordinates)
     found = sizes.deviation_sizes(stiffness[:n], inertia[:n])
-    return sizes.with_states(*found, internal_state_sizes(kernel)) if kernel.is_augmented else found
+    return sizes.with_states(*found, internal_state_sizes(kernel)) if kernel.calls.augmented is kernel.calls else found
 
 
 def internal_state_sizes(kernel: Kernel) -> list[float]:

@@ -140,7 +140,8 @@ class Turns:
         """Let these joints be turned from now on."""
         self.turned = turned
         if turned not in self._kernels:
-            self._kernels[turned] = self.kernel.with_turned(turned)
+            self._kernels[turned] = self.kernel.replaced()
+            self._kernels[turned].parameters.turn(turned)
         self.here = self._kernels[turned]
 
     def on(self, states: Array) -> Array:

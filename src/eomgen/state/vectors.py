@@ -23,7 +23,7 @@ Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times
 
 def prescribed_mask(kernel: Kernel) -> Mask:
     """Return the mask of prescribed coordinates, (n,)."""
-    return np.array([name in kernel.prescribed for name in kernel.velocities])
+    return np.array([name in kernel.prescribed for name in kernel.calls.coordinates])
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:

@@ -220,7 +220,7 @@ class SampleRunner:
         made: list[Assembly | EomgenError] = []
         for sample in samples:
             try:
-                kernel = nominal.kernel.with_parameters(self.job.parameters(sample))
+                kernel = nominal.kernel.replaced(parameters=self.job.parameters(sample))
                 made.append(with_kernel(nominal, self.job.robot, scenario, kernel))
             except EomgenError as error:
                 made.append(error)

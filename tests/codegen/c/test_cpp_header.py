@@ -25,6 +25,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.robot.coordinates import MODE
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.methods.bound import frame_number
 from eomgen.runtime.raw import RawFunction
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, package_of, program, run
 from tests.support.makers import MAKERS
@@ -164,7 +165,7 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
     assert len(answers) == 3 * len(functions)
     count = 0
     for name, function in functions.items():
-        frame = (kernel.frame_index(kernel.frames[-1]),) if function.is_framed else ()
+        frame = (frame_number(kernel.frames, kernel.frames[-1]),) if function.is_framed else ()
         one, two = ([states[label][:states_here] for label in function.reads] for states_here in (1, 2))
         mixed = [two[0], *(x[0] for x in one[1:])]
         for end, arrays in (("", [x[0] for x in one]), ("_batch", two), ("_mixed", mixed)):
@@ -186,7 +187,9 @@ def closed_states(robot: Robot, kernel: eomgen.Kernel) -> dict[str, NDArray[np.f
         change = kernel.calls.run("settling", None, (q, v))
         q, v = q + change[:, : kernel.n], v + change[:, kernel.n : 2 * kernel.n]
     a = kernel.calls.run("constrained_dynamics", None, (q, v, np.zeros_like(q)))[:, : kernel.n]
-    J, bias = (f.astype(np.float64) for f in (kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)))
+    J, bias = (
+        f.astype(np.float64) for f in (kernel.functions.constraint_jacobian(q), kernel.functions.constraint_bias(q, v))
+    )
     left = np.einsum("sij,sj->si", J, a.astype(np.float64)) + bias
     a = (a - np.einsum("sij,sj->si", np.linalg.pinv(J, rcond=1e-4), left)).astype(kernel.dtype)
     return {"q": q, "v": v, "a": np.ascontiguousarray(a)}

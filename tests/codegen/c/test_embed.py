@@ -76,7 +76,7 @@ def of_cpp() -> Array:
     """What examples/cpp_arm prints: t, tracking error, speed and position of the flange."""
     model = arm()
     damping = "joints.joint2.gamma.damping"
-    plant = model.with_parameters({damping: 1.5 * model.parameters[damping]})
+    plant = model.replaced(parameters={damping: 1.5 * model.parameters[damping]})
     start, way = np.array(START), np.array(GOAL) - np.array(START)
     q, v, rows = start, np.zeros(6), []
     for k in range(STEPS + 1):

@@ -301,13 +301,13 @@ def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
         what, shape, numbers = line.split(":")
         axes = [int(x) for x in shape.strip("[]").split()]
         found[what] = np.reshape([float(x) for x in numbers.split()], axes, order="F")
-    elsewhere = kernel.with_parameters({"gravity.z": -1.5})
+    elsewhere = kernel.replaced(parameters={"gravity.z": -1.5})
     expected = {
         "forward_dynamics": kernel.forward_dynamics(q, v, u).T,
         "one": kernel.forward_dynamics(q, v[0], u).T,
         "mass_matrix": kernel.mass_matrix(q[0]),
         "residual_jacobian": np.moveaxis(np.array(kernel.residual_jacobian(q, v, u)), 1, -1),
-        "external_force": kernel.external_force(q[0], wrench)[:, None],
+        "external_force": kernel.functions.external_force(q[0], wrench)[:, None],
         "frame_pose": kernel.frame_pose(q[1], frame),
         "elsewhere": elsewhere.inverse_dynamics(q, v, u).T,
     }

@@ -42,6 +42,7 @@ from tests.support.builds import Build
 from tests.support.every_element import ROBOTS, robot_of
 from tests.support.linkages import bricard
 from tests.support.many_robots import many_robot
+from tests.support.methods import method_of
 from tests.support.random_robots import random_robot, random_state
 
 DOUBLE = SCALARS["float64"]
@@ -96,7 +97,7 @@ def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monke
         own = not (KERNELS[name].derivative_of or KERNELS[name].by_request)
         if own and not {"kinematics", "rollout", "adaptive_rollout", "wrench"} & {name, *KERNELS[name].reads}:
             arrays = [getattr(s, letter) for letter in KERNELS[name].reads]
-            assert np.array_equal(getattr(whole, name)(*arrays), getattr(split, name)(*arrays)), name
+            assert np.array_equal(method_of(whole, name)(*arrays), method_of(split, name)(*arrays)), name
     for frame in whole.frames:
         assert np.array_equal(whole.frame_pose(s.q, frame), split.frame_pose(s.q, frame))
         assert np.array_equal(whole.frame_jacobian(s.q, frame), split.frame_jacobian(s.q, frame))

@@ -56,10 +56,10 @@ def test_coordinates_are_those_of_scipy(seed: int, built: Build) -> None:
         J = np.array([coordinates(q + step * x) - coordinates(q - step * x) for x in np.eye(kernel.n)]).T / (2.0 * step)
         resisting = np.array(STIFFNESS) * e + np.array(DAMPING) * (J @ v)
         assert kernel.element_rows == tuple(f"mount.{x}" for x in ("x", "y", "z", "alpha", "beta", "gamma"))
-        np.testing.assert_allclose(kernel.element_forces(q, v)[:, 0], e, rtol=1e-12, atol=1e-14)
-        np.testing.assert_allclose(kernel.element_jacobian(q), J, atol=1e-9)
-        np.testing.assert_allclose(kernel.element_forces(q, v)[:, 1], resisting, rtol=1e-7, atol=1e-7)
-        idle = kernel.with_parameters({name: 0.0 for name in kernel.parameters if name.startswith("bushings.")})
+        np.testing.assert_allclose(kernel.functions.element_forces(q, v)[:, 0], e, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(kernel.functions.element_jacobian(q), J, atol=1e-9)
+        np.testing.assert_allclose(kernel.functions.element_forces(q, v)[:, 1], resisting, rtol=1e-7, atol=1e-7)
+        idle = kernel.replaced(parameters={name: 0.0 for name in kernel.parameters if name.startswith("bushings.")})
         there = kernel.inverse_dynamics(q, v, 0.0 * q) - idle.inverse_dynamics(q, v, 0.0 * q)
         np.testing.assert_allclose(there, J.T @ resisting, rtol=1e-7, atol=1e-6)
         stored = kernel.energy(q, v)[1] - idle.energy(q, v)[1]
@@ -90,11 +90,11 @@ def test_methods_and_sizes_know_its_stiffness(built: Build) -> None:
     robot = robot_of_text(MOUNT + PLACEMENTS + NUMBERS)
     kernel, q = built(robot), np.array([0.1, 0.2, -0.1])
     assert why_stiff(kernel) == "there are springs"
-    soft = kernel.with_parameters({name: 0.0 for name in kernel.parameters if ".stiffness." in name})
+    soft = kernel.replaced(parameters={name: 0.0 for name in kernel.parameters if ".stiffness." in name})
     assert why_stiff(soft) == ""
-    heavy = soft.with_parameters({name: 1e6 for name in kernel.parameters if ".damping." in name})
+    heavy = soft.replaced(parameters={name: 1e6 for name in kernel.parameters if ".damping." in name})
     assert "dampers or friction take effect within" in why_stiff(heavy)
-    J, M = kernel.element_jacobian(q), kernel.mass_matrix(q)
+    J, M = kernel.functions.element_jacobian(q), kernel.mass_matrix(q)
     swing = np.abs(np.linalg.eigvals(np.linalg.solve(M, J.T @ (np.array(STIFFNESS)[:, None] * J)))).max()
     np.testing.assert_allclose(fastest_rates(kernel, q)[0], np.sqrt(swing), rtol=1e-9)
 

@@ -371,9 +371,9 @@ def test_places_of_numbers(built: Build) -> None:
         ("springs", "coil", "free_length", "springs.coil.free_length"),
     ):
         assert names[kernel.elements[family][owner][key]] == name
-    i, j = (kernel.velocities.index(f"rocker.mode{k}") for k in (1, 2))
+    i, j = (kernel.calls.coordinates.index(f"rocker.mode{k}") for k in (1, 2))
     assert (joint_stiffness(kernel)[i, j], joint_damping(kernel)[j, i]) == (12.0, -0.15)
     assert damping_forces(kernel, np.zeros((1, kernel.n)), np.eye(kernel.n)[[i]])[0, j] == -0.15
     assert [contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))] == [100.0] * 4
-    hip = [name.startswith("hip.") and not name.endswith(".motor") for name in kernel.velocities]
+    hip = [name.startswith("hip.") and not name.endswith(".motor") for name in kernel.calls.coordinates]
     assert np.array_equal(damping_diagonal(kernel) > 0.0, hip)

@@ -289,7 +289,7 @@ def test_entries_are_parameters_checked_as_a_whole(built: Build) -> None:
             with pytest.raises(InputError, match=rf"{prefix}\.{name}"):
                 p.update({f"{prefix}.beta.beta": p[f"{prefix}.beta.beta"], f"{prefix}.{name}": value})
         with pytest.raises(InputError, match="negative energy where x and beta"):
-            kernel.with_parameters({f"{prefix}.x.beta": -1.1 * bound})
+            kernel.replaced(parameters={f"{prefix}.x.beta": -1.1 * bound})
         assert dict(p) == before
         assert np.array_equal(kernel.generalized_force(q, 0 * q), force)
         swapped = {f"{prefix}.x.x": before[f"{prefix}.x.x"] * 4.0, f"{prefix}.x.beta": 1.5 * bound}
@@ -488,8 +488,8 @@ def test_forces_are_told(built: Build) -> None:
     s = random_state(held(*parts), 2)
     bushing, loop = built(on_bushing(*parts), "element_forces"), built(on_loop(*parts), "cut_forces", "loop_reactions")
     wanted = np.column_stack([s.q, K @ s.q + D @ s.v + preload])
-    assert close(bushing.element_forces(s.q, s.v), wanted, 1e-9)
-    assert close(loop.cut_forces(s.q, s.v), wanted, 1e-9)
+    assert close(bushing.functions.element_forces(s.q, s.v), wanted, 1e-9)
+    assert close(loop.functions.cut_forces(s.q, s.v), wanted, 1e-9)
     assert bushing.element_rows == tuple(f"mount.{name}" for name in COORDINATES)
     assert loop.cut_laws == bushing.element_rows
 
@@ -553,6 +553,6 @@ def test_gradients_of_rollouts_by_entries(owner: str, method: str, built: Build)
     for name in names:
         x, ends = kernel.parameters[name], list[float]()
         for step in (1e-4, -1e-4):
-            q, v = kernel.with_parameters({name: x + step}).rollout(q0, still, still, **options)
+            q, v = kernel.replaced(parameters={name: x + step}).rollout(q0, still, still, **options)
             ends.append(float((q**2).sum() + (v**2).sum()))
         assert gradient[name] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-4)

@@ -415,7 +415,7 @@ def test_overflow_is_named(built: Build) -> None:
     )
     with pytest.raises(ArrayError, match=r"generalized_force: rail\.z is -inf, out of numbers that are finite"):
         kernel.generalized_force([1000.0 * SCALE], [0.0])
-    assert kernel.with_checks(False).generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
+    assert kernel.replaced(checks=False).generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
     assert kernel.generalized_force([-1000.0 * SCALE], [0.0]) == [F]
     with pytest.raises(ArrayError, match=r"forward_dynamics: rail\.z is -inf"):
         integrate(kernel, np.array([1000.0 * SCALE]), np.zeros(1), 0.1, method="scipy:DOP853")
@@ -549,9 +549,9 @@ def test_kernels_are_the_equations_of_drives(seed: int, built: Build) -> None:
         scale = np.where(np.isnan(oracle.inertias()), 1.0, oracle.inertias())
         assert close(residual / scale, expected / scale)
         forces, _, voltages = oracle.driven(s.q, s.v, s.u)
-        assert close(kernel.drive_forces(s.q, s.v, s.u)[:n], forces[:n])
+        assert close(kernel.functions.drive_forces(s.q, s.v, s.u)[:n], forces[:n])
         behind = list(build_model(robot).states_of_drives)
-        assert close(kernel.drive_forces(s.q, s.v, s.u)[behind], voltages[behind])
+        assert close(kernel.functions.drive_forces(s.q, s.v, s.u)[behind], voltages[behind])
         M = kernel.mass_matrix(s.q)[:n, :n]
         allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(M))
         found, expected = kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u)

@@ -68,7 +68,7 @@ def test_all_kernels_of_random_robots(seed: int, built: Build) -> None:
         assert close(kernel.frame_jacobian(s.q, "tcp"), jacobian)
         assert close(kernel.frame_pose(s.q, "tcp"), bare.frame_pose(s.q[own], "tcp"))
         wrench = np.random.default_rng(seed).uniform(-5.0, 5.0, (len(kernel.links), 6))
-        assert close(kernel.external_force(s.q, wrench), oracle.spread(bare.external_force(s.q[own], wrench)))
+        assert close(kernel.functions.external_force(s.q, wrench), oracle.spread(bare.external_force(s.q[own], wrench)))
         free = ~oracle.given
         condition = np.linalg.cond(M[np.ix_(free, free)])
         accelerations = kernel.forward_dynamics(s.q, s.v, s.u)

@@ -44,9 +44,9 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
     for s in states:
         check_oracle(kernel, oracle, s)
         assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
-        assert close(kernel.spring_forces(s.q, s.v), oracle.forces(s.q, s.v))
-        assert close(kernel.spring_jacobian(s.q), oracle.jacobian(s.q))
-        assert close(kernel.spring_stiffness(s.q), oracle.stiffness(s.q))
+        assert close(kernel.functions.spring_forces(s.q, s.v), oracle.forces(s.q, s.v))
+        assert close(kernel.functions.spring_jacobian(s.q), oracle.jacobian(s.q))
+        assert close(kernel.functions.spring_stiffness(s.q), oracle.stiffness(s.q))
     check_batches(kernel, states, inverse_dynamics=3, spring_forces=2, energy=2)
 
 
@@ -109,10 +109,10 @@ def test_mujocos_tendons_do_the_same(seed: int, built: Build) -> None:
     for s in states:
         expected = oracle.inverse_dynamics(s.q, s.v, s.a)
         assert np.abs(kernel.inverse_dynamics(s.q, s.v, s.a) - expected).max() <= 1e-8 * np.abs(expected).max()
-        assert close(kernel.spring_forces(s.q, s.v)[:, 0], np.array(oracle.data.ten_length), 1e-12)
-        assert close(kernel.spring_jacobian(s.q) @ s.v, np.array(oracle.data.ten_velocity), 1e-11)
+        assert close(kernel.functions.spring_forces(s.q, s.v)[:, 0], np.array(oracle.data.ten_length), 1e-12)
+        assert close(kernel.functions.spring_jacobian(s.q) @ s.v, np.array(oracle.data.ten_velocity), 1e-11)
         assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v), 1e-8)
-        taut.append(kernel.spring_forces(s.q, s.v)[3, 1] > 0.0)
+        taut.append(kernel.functions.spring_forces(s.q, s.v)[3, 1] > 0.0)
     assert sum(taut) == 10
 
 
@@ -158,8 +158,8 @@ def test_points_that_meet_give_finite_forces(built: Build) -> None:
         results = (
             kernel.energy(q, v),
             kernel.reactions(q, v, a),
-            kernel.spring_forces(q, v),
-            kernel.spring_jacobian(q),
+            kernel.functions.spring_forces(q, v),
+            kernel.functions.spring_jacobian(q),
         )
         for found in (*results, *kernel.residual_jacobian(q, v, a)):
             assert np.isfinite(found).all()
@@ -185,7 +185,7 @@ def test_a_cable_goes_slack_and_taut(built: Build) -> None:
     robot = Robot("hung", (0.0, 0.0, -9.81), (link,), (joint,), springs=(cable,))
     kernel = built(robot, "rollout", "energy", "forward_dynamics")
     q, v = kernel.rollout(np.array([0.3]), np.array([2.0]), np.zeros(1), dt=1e-5, steps=150_000, every=100)
-    length, T = kernel.spring_forces(q, v)[:, 0].T
+    length, T = kernel.functions.spring_forces(q, v)[:, 0].T
     slack = length <= 0.8
     assert np.all(T[slack] == 0.0)
     assert np.all(T >= 0.0)
@@ -241,7 +241,7 @@ def test_implicit_steps_are_stable_whatever_the_stiffness(built: Build) -> None:
     inertia = 0.05 + 2.0 * 0.09
     assert np.abs(v).max() < np.sqrt(2.0 * 9.81 * 2.0 * 0.3 / inertia)  # of a fall by a quarter turn
     assert np.abs(v[-1000:]).max() < 1e-3 * 9.81 * 2.0 * 0.3 / inertia  # what the weight gives in a step
-    length = kernel.spring_forces(q, v)[:, 0, 0]
+    length = kernel.functions.spring_forces(q, v)[:, 0, 0]
     assert length.max() <= 1.2 + 1e-3 * np.abs(v).max()  # the way of one step
     assert length[-1000:] == pytest.approx(1.2, abs=2e-5)
 
@@ -260,13 +260,13 @@ def test_default_steps_know_a_stiff_cable(built: Build) -> None:
     assert fixed_step(kernel, np.zeros(1), None, times) == pytest.approx(0.5 / np.sqrt(stiffness / inertia))
     found = integrate(kernel, np.zeros(1), np.zeros(1), 0.6, method="rk4")
     energy = found.energy.sum(axis=1)
-    assert kernel.spring_forces(found.q, found.v)[:, 0, 1].max() > 100.0
+    assert kernel.functions.spring_forces(found.q, found.v)[:, 0, 1].max() > 100.0
     assert np.ptp(energy) <= 1e-3 * np.ptp(found.energy[:, 0])
     assert np.abs(integrate(kernel, np.zeros(1), np.zeros(1), 0.1).q[-1] - found.q[100]).max() < 1.0
     damper = Spring("d", ("base", "rod"), ((0.0, 0.5, 0.0), (0.5, 0.0, 0.0)), damping=1e5)
     slow = built(replace(pendulum((damper,)), name="slow"), "forward_dynamics", "energy", "mass_matrix")
     assert choose_method(slow) == "scipy:DOP853"
-    arm = slow.spring_jacobian(np.zeros(1))[0, 0]
+    arm = slow.functions.spring_jacobian(np.zeros(1))[0, 0]
     assert fixed_step(slow, np.zeros(1), None, times) == pytest.approx(0.5 * inertia / (1e5 * arm * arm))
     end = integrate(slow, np.zeros(1), np.zeros(1), 0.05, method="rk4")
     assert np.abs(end.v).max() < 1e-2

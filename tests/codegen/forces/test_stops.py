@@ -129,7 +129,7 @@ def test_one_end_is_open(built: Build) -> None:
 
 
 def test_stops_are_moved_while_it_runs(built: Build) -> None:
-    kernel = built(stopped(), *NAMES, "generalized_force").with_parameters({"joints.rail.z.stops.upper": 0.5})
+    kernel = built(stopped(), *NAMES, "generalized_force").replaced(parameters={"joints.rail.z.stops.upper": 0.5})
     assert kernel.generalized_force([0.4], [1.0]) == 0.0
     kernel.parameters.update({"joints.rail.z.stops.stiffness": 100.0, "joints.rail.z.stops.damping": 0.0})
     assert kernel.generalized_force([0.601], [0.0]) == pytest.approx([-100.0 * 0.1])
@@ -164,9 +164,9 @@ def test_what_counts_as_its_stiffness(built: Build) -> None:
     assert stiffnesses(kernel) == [0.0]
     assert coordinate_sizes(kernel, np.zeros(1))[0] == [1.0]
     assert not law_of(robot).has_stiffness
-    stiff = kernel.with_parameters({"joints.rail.z.stops.stiffness": 2e10})
+    stiff = kernel.replaced(parameters={"joints.rail.z.stops.stiffness": 2e10})
     assert fixed_step(stiff, np.zeros(1), None, np.array([0.0, 1.0])) == pytest.approx(0.5e-5)
-    none = kernel.with_parameters({"joints.rail.z.stops.stiffness": 0.0, "joints.rail.z.stops.damping": 0.0})
+    none = kernel.replaced(parameters={"joints.rail.z.stops.stiffness": 0.0, "joints.rail.z.stops.damping": 0.0})
     assert choose_method(none) == "scipy:DOP853"
 
 

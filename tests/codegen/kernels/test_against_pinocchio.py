@@ -172,7 +172,7 @@ def check_wrench(kernel: eomgen.Kernel, oracle: PinocchioOracle, states: tuple[A
     wrench: NDArray[np.float64] = np.random.default_rng(seed).uniform(-5, 5, (len(q), len(kernel.links), 6))
     assert list(kernel.links) == oracle.links
     external = each(oracle.external_force, q, wrench)
-    assert errors(kernel.external_force(q, wrench), external).max() <= TOLERANCE
+    assert errors(kernel.functions.external_force(q, wrench), external).max() <= TOLERANCE
     for name, sign, arguments in (
         ("generalized_force", 1, (q, v)),
         ("residual", -1, (q, v, a, u)),

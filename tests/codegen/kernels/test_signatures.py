@@ -125,7 +125,7 @@ def test_kernels_too_large_for_vectors(built: Build, empty_cache: Path, monkeypa
         monkeypatch.setattr(lanes, "LANE_VALUES", limit)
         kernels.append(built(replace(robot, name=name)))
     fast, slow = kernels
-    code = slow.source("c")
+    code = slow.raw.source("c")
     assert "_lanes(" not in code.split("several states at a time")[1]
     assert "in_loops_frame_pose_batch" in code
     assert "in_loops_kinematics_batch" not in code

@@ -59,16 +59,16 @@ def test_a_cut_joint_leaves_its_freedoms_and_no_other(kind: str, built: Build) -
     for _ in range(50):
         q = np.zeros(6)
         q[free] = rng.uniform(-1, 1, len(free)) * np.array([2.0, 2.0, 2.0, 3.1, 1.5, 3.1])[free]
-        assert np.abs(kernel.constraint(q)).max() <= 1e-15
-        J = kernel.constraint_jacobian(q)
+        assert np.abs(kernel.functions.constraint(q)).max() <= 1e-15
+        J = kernel.functions.constraint_jacobian(q)
         assert np.linalg.svd(J, compute_uv=False)[-1] >= 0.07  # as far as beta = +-pi/2, where Euler angles are not
         assert np.abs(J[:, free]).max(initial=0.0) <= 1e-15
         assert len(CUTS[kind]) + len(free) == 6
         for blocked in set(range(6)) - set(free):
             away = q.copy()
             away[blocked] += 0.1
-            assert np.abs(kernel.constraint(away)).max() >= 0.09 * abs(np.cos(q[4])) or kind == "universal"
-            assert np.abs(kernel.constraint(away)).max() > 1e-4
+            assert np.abs(kernel.functions.constraint(away)).max() >= 0.09 * abs(np.cos(q[4])) or kind == "universal"
+            assert np.abs(kernel.functions.constraint(away)).max() > 1e-4
 
 
 @pytest.mark.parametrize("seed", seeds(300, 1, 8))
@@ -80,11 +80,11 @@ def test_constraints_equal_pinocchios_kinematics(seed: int, built: Build) -> Non
     kernel, oracle, rng = built(robot, *CLOSURE_KERNELS), PinocchioOracle(robot), np.random.default_rng(seed)
     for _ in range(3):
         q = random_state(robot, rng).q
-        g, J, row = kernel.constraint(q), kernel.constraint_jacobian(q), 0
+        g, J, row = kernel.functions.constraint(q), kernel.functions.constraint_jacobian(q), 0
         for number, loop in enumerate(robot.loops):
             A, B = (oracle.frame_pose(q, f"{loop.name}_{side}") for side in "ab")
             X = np.linalg.inv(A) @ B
-            assert np.abs(kernel.cut_poses(q)[number] - X).max() <= 1e-13
+            assert np.abs(kernel.functions.cut_poses(q)[number] - X).max() <= 1e-13
             J_a, J_b = (oracle.frame_jacobian(q, f"{loop.name}_{side}") for side in "ab")
             w = A[:3, :3].T @ (J_b[3:] - J_a[3:])
             d = B[:3, 3] - A[:3, 3]
@@ -108,10 +108,10 @@ def test_derivatives_equal_complex_steps(seed: int, built: Build) -> None:
     robot = looped(seed)
     kernel, s = built(robot, *CLOSURE_KERNELS), random_state(robot, seed)
     J = complex_jacobian(robot, "constraint", {"q": s.q}, "q")
-    assert np.abs(kernel.constraint_jacobian(s.q) - J).max() <= 1e-14 * max(1.0, np.abs(J).max())
+    assert np.abs(kernel.functions.constraint_jacobian(s.q) - J).max() <= 1e-14 * max(1.0, np.abs(J).max())
     turning = complex_jacobian(robot, "constraint_jacobian", {"q": s.q}, "q").reshape(*J.shape, kernel.n)
     bias = turning @ s.v @ s.v
-    assert np.abs(kernel.constraint_bias(s.q, s.v) - bias).max() <= 1e-13 * max(1.0, np.abs(bias).max())
+    assert np.abs(kernel.functions.constraint_bias(s.q, s.v) - bias).max() <= 1e-13 * max(1.0, np.abs(bias).max())
 
 
 def test_rates_of_change_along_a_motion(built: Build) -> None:
@@ -120,10 +120,10 @@ def test_rates_of_change_along_a_motion(built: Build) -> None:
     kernel, s, h = built(robot, *CLOSURE_KERNELS), random_state(robot, 321), 1e-4
 
     def g(t: float) -> Array:
-        return np.asarray(kernel.constraint(s.q + s.v * t + s.a * t * t / 2))
+        return np.asarray(kernel.functions.constraint(s.q + s.v * t + s.a * t * t / 2))
 
-    rate = kernel.constraint_jacobian(s.q) @ s.v
-    second = kernel.constraint_jacobian(s.q) @ s.a + kernel.constraint_bias(s.q, s.v)
+    rate = kernel.functions.constraint_jacobian(s.q) @ s.v
+    second = kernel.functions.constraint_jacobian(s.q) @ s.a + kernel.functions.constraint_bias(s.q, s.v)
     assert np.abs((g(h) - g(-h)) / (2 * h) - rate).max() <= 1e-6 * np.abs(rate).max()
     assert np.abs((g(h) - 2 * g(0.0) + g(-h)) / h**2 - second).max() <= 1e-5 * np.abs(second).max()
 
@@ -136,9 +136,13 @@ def test_batches_and_threads(dtype: str) -> None:
     kernel = eomgen.build(robot, kernels=CLOSURE_KERNELS, dtype=dtype, flags=("-Werror", "-O1"))
     rng = np.random.default_rng(3)
     q, v = (rng.uniform(-1, 1, (600, kernel.n)).astype(dtype) for _ in "qv")
-    calls = [(kernel.constraint, (q,)), (kernel.constraint_jacobian, (q,)), (kernel.cut_poses, (q,))]
+    calls = [
+        (kernel.functions.constraint, (q,)),
+        (kernel.functions.constraint_jacobian, (q,)),
+        (kernel.functions.cut_poses, (q,)),
+    ]
     limit = 1e-13 if dtype == "float64" else 1e-4
-    for call, arrays in [*calls, (kernel.constraint_bias, (q, v))]:
+    for call, arrays in [*calls, (kernel.functions.constraint_bias, (q, v))]:
         batch = call(*arrays)
         single = np.array([call(*(x[i] for x in arrays)) for i in range(21)])
         assert np.abs(batch[:21] - single).max() <= limit * max(1.0, np.abs(single).max())

@@ -184,13 +184,13 @@ def test_a_kernel_s_regressor(built: Build) -> None:
     kernel = built(robot, "regressor", "inverse_dynamics", "generalized_force")
     states = [random_state(robot, seed) for seed in range(5)]
     q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
-    Y = kernel.regressor(q, v, a)
+    Y = kernel.functions.regressor(q, v, a)
     assert Y.shape == (5, 2, 11)
     assert kernel.regressor_names == regressor_names(build_model(robot))
     out = np.empty((5, 2, 11))
-    assert kernel.regressor(q, v, a, out=out) is out
+    assert kernel.functions.regressor(q, v, a, out=out) is out
     assert np.array_equal(out, Y)
-    assert np.array_equal(kernel.regressor(q[3], v[3], a[3]), Y[3])
+    assert np.array_equal(kernel.functions.regressor(q[3], v[3], a[3]), Y[3])
     for armature in (0.3, 2.0):
         kernel.parameters["joints.joint1.gamma.armature"] = armature
         assert kernel.regressor_values[-1] == armature

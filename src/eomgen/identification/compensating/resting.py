@@ -195,7 +195,9 @@ class _States:
             if assembly.wrenches is None:
                 return np.asarray(u)
             if q.ndim == 1:
-                return np.asarray(u + kernel.external_force(q, assembly.wrenches(t, q, zero)))
-            return np.asarray(u + kernel.external_force(q, np.array([assembly.wrenches(t, x, zero) for x in q])))
+                return np.asarray(u + kernel.functions.external_force(q, assembly.wrenches(t, q, zero)))
+            return np.asarray(
+                u + kernel.functions.external_force(q, np.array([assembly.wrenches(t, x, zero) for x in q]))
+            )
 
         return forces

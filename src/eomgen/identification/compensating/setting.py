@@ -83,7 +83,7 @@ class Setting:
         """
         assembly = self.assembly if samples is None else self.with_program(samples)
         if parameters:
-            kernel = assembly.kernel.with_parameters(parameters)
+            kernel = assembly.kernel.replaced(parameters=parameters)
             assembly = replace(with_kernel(assembly, self.robot, self.scenario, kernel), until=None)
         return simulated(self.robot, self.scenario, assembly, self.frame)
 

@@ -75,7 +75,7 @@ class Data:
         laws = np.asarray(kernel.inverse_dynamics(self._q, self.v, self._a))
         places = inertial_places(kernel, base.terms, self.relations)
         for at in self.chunks():
-            sought = np.asarray(kernel.regressor(self._q[at], self.v[at], self._a[at]))[..., places]
+            sought = np.asarray(kernel.functions.regressor(self._q[at], self.v[at], self._a[at]))[..., places]
             laws[at] -= sought @ kernel.regressor_values[places]
         if MODES in base.terms:
             numbers = law_numbers(kernel)

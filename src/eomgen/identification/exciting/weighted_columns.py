@@ -52,7 +52,7 @@ class WeightedColumns:
             smooth: whether Coulomb friction turns round over ``turning`` instead of at once.
         """
         q, v, a = course
-        Y = np.asarray(self.kernel.regressor(q, v, a))[:, self.index]
+        Y = np.asarray(self.kernel.functions.regressor(q, v, a))[:, self.index]
         columns = np.zeros((*Y.shape[:2], len(self.base)))
         inner, outer = self._inertial
         columns[..., inner] = Y[..., outer]
@@ -67,7 +67,7 @@ class WeightedColumns:
         whole = np.zeros((len(q), self.kernel.n, len(self.kernel.regressor_names)))
         inner, outer = self._inertial
         whole[:, self.index[:, np.newaxis], outer] = scaled[..., inner]
-        by_q, by_v, by_a = self.kernel.vjp(self.kernel.regressor, (q, v, a), whole)
+        by_q, by_v, by_a = self.kernel.vjp(self.kernel.functions.regressor, (q, v, a), whole)
         for term, column, row in self._rubbing:
             i = self.index[row]
             by_v[:, i] += scaled[:, row, column] * self._friction(term, v[:, i], row, smooth=True)[1]

@@ -30,7 +30,7 @@ class ClosedStarts:
     @staticmethod
     def near(kernel: Kernel, q: Array, measured: Sequence[str]) -> ClosedStarts:
         """Choose independent coordinates at a closed q, (n,), among those measured as far as these are independent."""
-        J = np.array(kernel.constraint_jacobian(q))
+        J = np.array(kernel.functions.constraint_jacobian(q))
         rank = rank_of(J)
         late = np.isin(kernel.coordinates, measured)
         scaled = J * np.where(prescribed_mask(kernel), LAST**2, np.where(late, LAST, 1.0))
@@ -67,7 +67,7 @@ class ClosedStarts:
 
     def _basis(self, q: Array) -> Array:
         """Return motions of all coordinates by unit rates of the independent ones, (n, f)."""
-        J, n = np.asarray(self.kernel.constraint_jacobian(q)), self.kernel.n
+        J, n = np.asarray(self.kernel.functions.constraint_jacobian(q)), self.kernel.n
         dependent = np.setdiff1d(np.arange(n), self.independent)
         N = np.zeros((n, self.independent.size))
         N[self.independent] = np.eye(self.independent.size)

@@ -269,8 +269,12 @@ def deviation_of(kernel: Kernel, moved: Moved, item: Sought) -> Deviation:
     if item.in_tree:
         return deviations_of(kernel, moved, OF_JOINTS).of(item.name)
     i = kernel.cut_laws.index(item.name)
-    rows = np.asarray(kernel.cut_jacobian(moved.q))[:, i]
-    return np.asarray(kernel.cut_forces(moved.q, moved.v))[:, i, 0], np.einsum("tn,tn->t", rows, moved.v), rows
+    rows = np.asarray(kernel.functions.cut_jacobian(moved.q))[:, i]
+    return (
+        np.asarray(kernel.functions.cut_forces(moved.q, moved.v))[:, i, 0],
+        np.einsum("tn,tn->t", rows, moved.v),
+        rows,
+    )
 
 
 def moved_by(kernel: Kernel, moved: Moved, entries: Sequence[Entry]) -> set[str]:
@@ -304,7 +308,7 @@ def _free_motions(kernel: Kernel, model: Model, motion: MeasuredMotion, moved: M
     units = np.eye(kernel.n)[[name in unknown for name in names]]
     rows = np.broadcast_to(units, (len(moved.q), *units.shape))
     if kernel.constraints:
-        rows = np.concatenate([kernel.constraint_jacobian(moved.q), rows], axis=1)
+        rows = np.concatenate([kernel.functions.constraint_jacobian(moved.q), rows], axis=1)
     inertia = np.diagonal(kernel.mass_matrix(moved.q), axis1=1, axis2=2).mean(axis=0)
     size = 1.0 / np.sqrt(np.maximum(inertia, 1e-12 * inertia.max()))
     scaled = rows * size

@@ -86,7 +86,7 @@ class BendingExact:
                     loads[name] = loads.get(name, 0.0) + wrench
             else:
                 values[one.name] = values.get(one.name, kernel.parameters[one.name]) + change
-        kernel = kernel.with_parameters(values) if values else kernel
+        kernel = kernel.replaced(parameters=values) if values else kernel
         state = rest(kernel, self.q[k], self.arm.fixation, loads)
         return np.asarray(kernel.frame_pose(state.q, self.frame))
 
