@@ -20,7 +20,7 @@ from eomgen.robot.model import build_model
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
-from generators import packages, public  # noqa: E402
+from generators import kernels, packages, public  # noqa: E402
 
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
@@ -188,10 +188,12 @@ def sliding() -> str:
 
 PARTS = {
     "docs/theory.md": {"sliding": sliding},
+    "docs/adapters.md": {"differentiable": kernels.differentiable},
     "docs/comparison.md": {"operations": operations, "precision": precision},
     "docs/derivatives.md": {"derivatives": derivatives},
     "docs/start.md": {"extras": extras},
     "docs/limits.md": {"sizes": sizes},
+    "docs/python.md": {"arguments": kernels.arguments, "kernels": kernels.table},
     "docs/stability.md": {"names": public.names, "renamed": public.renamings},
     "docs/architecture.md": {
         "packages": packages.table,
