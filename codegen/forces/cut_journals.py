@@ -17,7 +17,7 @@ from ..tree.constraints import Closure
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, add_row, is_zero
 from .cuts import ElasticLoopCoordinates
-from .elastic_coordinates import ElasticCoordinate
+from .elastic_coordinates import ElasticCoordinate, moved_by
 from .element import ForceElement, ImplicitShare, Slopes, Turn
 from .journals import BearingContact, places
 
@@ -38,10 +38,6 @@ class LoopBearingContact:
     def rows(self) -> SparseRow:
         """Return resisting forces by the tree's coordinates."""
         return self.of_tree(self.touch.rows())
-
-    def moved_by(self) -> list[int]:
-        """Return indices of the coordinates on which its forces depend."""
-        return list(dict.fromkeys(i for coordinate in self.felt for i in coordinate.jacobian_row))
 
     def directions(self, dt: Scalar, square: Scalar) -> list[tuple[SparseRow, Scalar]]:
         """Return directions of the tree's coordinates with slopes, and these, as of ``BearingContact``."""
@@ -107,7 +103,7 @@ class LoopBearingContacts(ForceElement):
     def add_slopes(self, slopes: Slopes) -> None:
         """Add derivatives, differentiating the graph."""
         for cut in self.contacts(slopes.v):
-            slopes.differentiate(cut.rows(), cut.moved_by())
+            slopes.differentiate(cut.rows(), moved_by(cut.felt))
 
     def add_rows(self, share: ImplicitShare) -> None:
         """Add forces where the velocities lead to, and their slopes."""

@@ -7,7 +7,7 @@ couplings are off.  A deviation s with the row J = ds/dq is resisted like that o
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -75,10 +75,6 @@ class ElasticCoordinate:
         for law in self.state_laws:
             yield law, law.effect(*self._after(v, dt), v, f)
 
-    def moved_by(self) -> list[int]:
-        """Return the indices of the coordinates on which its force depends, those that move it first."""
-        return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.jacobian_row))
-
     def presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
         """Return the effect of its springs, contacts and dampers alone, arguments as of ``resists``."""
         s, rate = self._after(v, dt)
@@ -98,6 +94,11 @@ class ElasticCoordinate:
     def _after(self, v: Sequence[Scalar], dt: Scalar) -> tuple[Scalar, Scalar]:
         rate = self.rate(v)
         return self.s if is_zero(dt) else self.s + dt * rate, rate
+
+
+def moved_by(coordinates: Iterable[ElasticCoordinate]) -> list[int]:
+    """Return the indices of the tree's coordinates that move some of these, each once."""
+    return list(dict.fromkeys(i for one in coordinates for i in one.jacobian_row))
 
 
 @dataclass(frozen=True)
@@ -143,10 +144,6 @@ class CoupledCoordinates:
         """Return what the springs store."""
         return self.spring.energy([coordinate.s for coordinate in self.members])
 
-    def moved_by(self) -> list[int]:
-        """Return the indices of the coordinates on which its forces depend."""
-        return list(dict.fromkeys(i for coordinate in self.members for i in coordinate.jacobian_row))
-
     def add_to(self, share: ImplicitShare, f: Functions, *, turns: bool = False) -> None:
         """Add forces where the velocities lead to, and c D + c^2 K with the coordinates' directions, which may turn.
 
@@ -180,7 +177,7 @@ class CoupledCoordinates:
 
     def stiffnesses(self) -> Iterator[tuple[int, Scalar]]:
         """Give what each coordinate of the tree feels of the springs by itself."""
-        for i in self.moved_by():
+        for i in moved_by(self.members):
             arms = [coordinate.jacobian_row.get(i, 0.0) for coordinate in self.members]
             felt: Scalar = 0.0
             for place, force in self.spring.matrix.times(arms).items():
@@ -250,13 +247,14 @@ class ElasticCoordinates(ForceElement):
             if coordinate.has_force:
                 force = coordinate.resists(slopes.v, self.at.functions).force
                 slopes.differentiate(
-                    {i: force * arm for i, arm in coordinate.jacobian_row.items()}, coordinate.moved_by()
+                    {i: force * arm for i, arm in coordinate.jacobian_row.items()},
+                    moved_by((coordinate, *coordinate.carriers)),
                 )
             for at, law in coordinate.state_effects(slopes.v, self.at.functions):
                 rows = {i: law.force * arm for i, arm in coordinate.jacobian_row.items()}
                 slopes.differentiate(rows | dict(law.state_rows(at.states)), [*coordinate.jacobian_row, *at.states])
         for coupled in self.coupled:
-            slopes.differentiate(coupled.rows(slopes.v), coupled.moved_by())
+            slopes.differentiate(coupled.rows(slopes.v), moved_by(coupled.members))
 
     def advance(self, share: ImplicitShare) -> None:
         """Push forces of laws with internal states, and what drives these."""

@@ -119,8 +119,7 @@ class _Stage(MatrixShare):
             force = force + slope * z
         for (k, j), slope in law.g_z.items():
             rates[k] = rates[k] + slope * at[j]
-        for i, arm in row.items():
-            self.forces[i] = self.forces[i] + arm * (acts * (self.c * force))
+        self.pull(row, acts * (self.c * force))
         for k, w, rate in zip(states, law.inertias, rates, strict=True):
             self.forces[k] = self.forces[k] - w * (self.c * rate)
         self.states |= state_rows(row, states, law, self.c, acts)
@@ -173,9 +172,13 @@ class _Stage(MatrixShare):
         rates, shifts = ([along(row, x) for row in members] for x in (self.rates, self.shifts))
         pairs = zip(symmetric_product(whole, rates), symmetric_product(by_shift, shifts), strict=True)
         for row, (by_rate, more) in zip(members, pairs, strict=True):
-            for i, arm in row.items():
-                self.forces[i] = self.forces[i] + (by_rate + more) * arm
+            self.pull(row, by_rate + more)
         self.rows += [elastic_row(combined(x, members), slope) for x, slope in self._factored(whole, slopes)]
+
+    def pull(self, row: SparseRow, force: Scalar) -> None:
+        """Add a resisting force along a row."""
+        for i, arm in row.items():
+            self.forces[i] = self.forces[i] + force * arm
 
     def _turning(self, row: SparseRow) -> dict[int, Scalar]:
         """Return T = d(J v)/dq of a row J, by coordinates that follow no others; empty where rigid rows are solved."""
@@ -209,8 +212,7 @@ class _Stage(MatrixShare):
                     add_row(into[one], slope, rows[other])
         for row, by_rate, by_place in zip(members, felt, shifted, strict=True):
             force = along(by_rate, self.rates) + along(by_place, self.shifts)
-            for i, arm in row.items():
-                self.forces[i] = self.forces[i] + force * arm
+            self.pull(row, force)
             self.rows.append(Row({i: arm for i, arm in row.items() if not is_zero(arm)}, slope=0.0, felt=by_rate))
 
     def _factored(self, whole: Rows, slopes: Blocks) -> list[tuple[dict[int, Scalar], Scalar]]:
@@ -312,9 +314,7 @@ def _written_stage(d: Derivation, kind: type[_Stage]) -> _Stage:
     for element in d.elements:
         element.add_rows(here)
     for row, slope in here.directions:
-        force = slope.force(along(row, here.rates), along(row, here.shifts))
-        for i, arm in row.items():
-            here.forces[i] = here.forces[i] + force * arm
+        here.pull(row, slope.force(along(row, here.rates), along(row, here.shifts)))
         rows.append(elastic_row(row, slope.whole))
     here.rows = rows + here.rows
     return here
