@@ -191,7 +191,7 @@ class NamedViews(CompiledCode):
         Raises:
             UnknownNameError: the kernel was built without the regressor.
         """
-        self.raw.function(self.regressor)  # or the error that it is not there
+        self.raw.function(self.functions.regressor)  # or the error that it is not there
         return tuple(self.raw.libraries.meta["regressor"])
 
     @property
@@ -206,7 +206,7 @@ class NamedViews(CompiledCode):
             InputError: a run-time parameter of links was changed since.
         """
         names, meta = self.regressor_names, self.raw.libraries.meta
-        inertial = self.raw.libraries.about(name_of(self.regressor))["inertial"]
+        inertial = self.raw.libraries.about(name_of(self.functions.regressor))["inertial"]
         for name in inertial["come_from"]:
             if self.parameters[name] != meta["parameters"][name]:
                 raise InputError(
@@ -240,7 +240,7 @@ class NamedViews(CompiledCode):
         rates = np.zeros_like(here) if v is None else self.calls.array("v", v, (self.n,))[0]
         lead = joint_lead("v", rates.shape[:-1], lead)
         here, rates = (np.broadcast_to(x, (*lead, self.n)) for x in (here, rates))
-        matrix, offsets = self.follower_matrix()
+        matrix, offsets = follower_matrix(self)
         pairs = zip(self._followers, matrix.astype(self.dtype), offsets.astype(self.dtype), strict=True)
         moved = {name: (here @ row + offset, rates @ row) for name, row, offset in pairs}
         for name, coupling in self._followers.items():
@@ -281,23 +281,24 @@ class NamedViews(CompiledCode):
             place, rate = place + value * one, rate + (value * one_rate + grown * x_rate * one)
         return place, rate
 
-    def follower_matrix(self) -> tuple[Array, Array]:
-        """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.
 
-        What nodes of links that bend are drawn in by products of modes is not among them.
-        The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
-        """
-        rows, offsets = dict[str, Array](), dict[str, float]()
-        for name, coupling in self._followers.items():
-            prefix, row = f"couplings.{coupling['coupling']}", np.zeros(self.n)
-            offset = self.parameters.get(f"{prefix}.offset", coupling["offset"])
-            for other, described in coupling["to"].items():
-                ratio = self.parameters.get(f"{prefix}.ratio.{other}", described)
-                if coupling.get("pitch") in self.parameters:
-                    ratio = 0.5 / np.pi * self.parameters[coupling["pitch"]]
-                if other in rows:
-                    row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
-                else:
-                    row[self.coordinates.index(other)] += ratio
-            rows[name], offsets[name] = row, offset
-        return np.array([*rows.values()]).reshape(-1, self.n), np.array([*offsets.values()])
+def follower_matrix(kernel: CompiledCode) -> tuple[Array, Array]:
+    """Return the matrix (followers, n) and offsets (followers,) that map q to positions of followers.
+
+    What nodes of links that bend are drawn in by products of modes is not among them.
+    The rows are in the order of ``follower_names``, in the follower's unit per the coordinate's.
+    """
+    rows, offsets = dict[str, Array](), dict[str, float]()
+    for name, coupling in kernel.raw.libraries.meta.get("followers", {}).items():
+        prefix, row = f"couplings.{coupling['coupling']}", np.zeros(kernel.n)
+        offset = kernel.parameters.get(f"{prefix}.offset", coupling["offset"])
+        for other, described in coupling["to"].items():
+            ratio = kernel.parameters.get(f"{prefix}.ratio.{other}", described)
+            if coupling.get("pitch") in kernel.parameters:
+                ratio = 0.5 / np.pi * kernel.parameters[coupling["pitch"]]
+            if other in rows:
+                row, offset = row + ratio * rows[other], offset + ratio * offsets[other]
+            else:
+                row[kernel.coordinates.index(other)] += ratio
+        rows[name], offsets[name] = row, offset
+    return np.array([*rows.values()]).reshape(-1, kernel.n), np.array([*offsets.values()])

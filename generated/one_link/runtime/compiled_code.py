@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Mapping
-from types import ModuleType
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self
 
 import numpy as np
 
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
 from .calls import Calls, SplitCalls
-from .direct import DirectFunctions, ExtensionBinding
-from .methods.bound import BoundFunctions, frame_number
-from .methods.kernel_methods import KernelFunctions, KernelMethods
+from .direct import ExtensionBinding
+from .methods.bound import BoundFunctions
+from .methods.functions import Functions
+from .methods.kernel_methods import KernelMethods
 from .parameters import Parameters
-from .raw import Array, Libraries, Operations, RawKernel
+from .raw import Libraries, Operations, RawKernel
 
 
 def _augmented(kernel: CompiledCode) -> CompiledCode:
@@ -25,7 +25,7 @@ def _augmented(kernel: CompiledCode) -> CompiledCode:
     return kernel.augmented
 
 
-class CompiledCode(KernelMethods, KernelFunctions):
+class CompiledCode(KernelMethods):
     """Compiled functions with separate parameters, and how they are called; attributes as of ``Kernel``."""
 
     def __init__(
@@ -83,13 +83,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
         if self.internal_states:
             self.calls = SplitCalls(self.calls)
         self._binding = binding or ExtensionBinding()
-        self._direct: DirectFunctions | None = None
         self._take_calls(self.calls)
-
-    @property
-    def velocities(self) -> tuple[str, ...]:
-        """Names of the n numbers of arrays by coordinate: ``coordinates``, and of ``augmented`` the internal states."""
-        return self.calls.coordinates
 
     @property
     def augmented(self) -> Self:
@@ -107,9 +101,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
     @property
     def split(self) -> Self:
         """The kernel of which this is ``augmented``: z is an array of its own."""
-        if not self.is_augmented:
-            return self
-        return self._with_calls(SplitCalls(self.calls))
+        return self._with_calls(SplitCalls(self.calls)) if self._is_augmented else self
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -131,10 +123,10 @@ class CompiledCode(KernelMethods, KernelFunctions):
         return html_table(f"Kernel {self.name}", rows)
 
     def __copy__(self) -> Self:
-        return self.with_parameters()
+        return self.replaced()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.with_parameters()
+        return self.replaced()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what makes the same kernel again, and what may be set of it: no code, no pointers."""
@@ -143,7 +135,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
                 f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
                 " eomgen.build and of generated packages"
             )
-        if self.is_augmented:
+        if self._is_augmented:
             return _augmented, (self.split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
@@ -160,53 +152,46 @@ class CompiledCode(KernelMethods, KernelFunctions):
         return self.calls.n
 
     @property
-    def is_augmented(self) -> bool:
+    def _is_augmented(self) -> bool:
         """True of a kernel with augmented arrays, see ``augmented``."""
         return bool(self.internal_states) and self.calls.augmented is self.calls
 
-    def source(self, ending: str) -> str:
-        """Return the C that it was compiled from: "h", the header, or "c".
-
-        Raises:
-            BuildError: its package is not there any more.
-        """
-        return self.raw.source(ending)
-
-    def with_parameters(self, values: Mapping[str, float] | None = None) -> Self:
-        """Return the same compiled code with separate parameters: those of this kernel now, and ``values`` by name.
+    def replaced(
+        self,
+        *,
+        parameters: Mapping[str, float] | None = None,
+        threads: int | None = None,
+        checks: bool | None = None,
+        together: Iterable[str] = (),
+    ) -> Self:
+        """Return the same kernel with separate parameters, threads and checks: those of this one but for what is given.
 
         It costs microseconds; the code is shared, so that many threads may each work with other parameters.
 
-        Raises:
-            UnknownNameError, InputError: as for an assignment to ``parameters``.
-        """
-        other = self._with_calls(self.calls.with_parameters(self.parameters.copy()))
-        if values is not None:
-            other.parameters.update(values)
-        return other
-
-    def with_turned(self, joints: Collection[str]) -> Self:
-        """Return the same code with separate parameters, and other coordinates of joints with 3-DOF rotation.
-
-        The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
-        where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
-        inverse_dynamics, mass_matrix, residual_jacobian and external_force; with loops not for inverse_dynamics, but
-        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  All else
-        stays as it is described.  It is for integrations, which choose by ``raw.turning``; ``rollout`` does it by
-        itself.
-
         Args:
-            joints: names of those that are turned; the others are as described.
+            parameters: values by name.
+            threads, checks: as the attributes of these names.
+            together: kernels, as in ``operations``, that one library of C has to hold, for programs that take its
+                addresses; where all functions are in one library already, nothing is compiled.
 
         Raises:
-            UnknownNameError: a joint without 3-DOF rotation.
+            UnknownNameError, InputError: as for an assignment to ``parameters``, ``threads`` or ``checks``.
+            BuildError: kernels do not compile.
         """
-        joints = names_in("joints", joints)
-        for name in joints:
-            if name not in self.raw.turning:
-                raise UnknownNameError(f"joints: {name!r} has no 3-DOF rotation; known: {', '.join(self.raw.turning)}")
-        other = self.with_parameters()
-        other.parameters.turn(joints)
+        names = names_in("together", together)
+        libraries = self.raw.libraries.together(tuple(names)) if names else self.raw.libraries
+        if libraries is self.raw.libraries:
+            other = self._with_calls(self.calls.with_parameters(self.parameters.copy()))
+        else:
+            other = type(self)(libraries, self._again, self._binding, self._opener)
+            other = other.augmented if self._is_augmented else other
+            other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
+        if parameters is not None:
+            other.parameters.update(parameters)
+        if threads is not None:
+            other.threads = threads
+        if checks is not None:
+            other.checks = checks
         return other
 
     def _with_calls(self, calls: Calls) -> Self:
@@ -218,8 +203,10 @@ class CompiledCode(KernelMethods, KernelFunctions):
 
     def _take_calls(self, calls: Calls) -> None:
         """Let methods go through these calls, and through the extension module as soon as there is one."""
-        self.calls, self.parameters, self._bound = calls, calls.parameters, BoundFunctions(calls)
-        self._binding.take(self)
+        self.calls, self.parameters = calls, calls.parameters
+        self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
+        self.functions = Functions(self._bound, calls)
+        self._binding.take(self._bound)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
         """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
@@ -241,70 +228,11 @@ class CompiledCode(KernelMethods, KernelFunctions):
             )
         return self._opener(self, where, contract=contract)
 
-    def bind(self, module: ModuleType) -> None:
-        """Let plain calls of methods go through an extension module; with augmented arrays inside those of the C."""
-        if self.calls.augmented is not self.calls:
-            return
-        if self._direct is None or self._direct.module is not module:
-            self._direct = DirectFunctions(module, self.raw)
-        if not isinstance(self.parameters.state, module.State):
-            self.parameters.state = self.parameters.state.moved_to(module.State)
-        self._bound.bind(self._direct)
-
-    @property
-    def is_direct(self) -> bool:
-        """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
-
-        They go to the C without checks in Python.  All others, and all errors, are those of the calls in Python, so
-        that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
-        """
-        return self._bound.is_direct
-
-    def together(self, *kernels: str) -> Self:
-        """Return the kernel with these kernels in one library of C, and with separate parameters.
-
-        For programs that take the C and its addresses; where all functions are in one library already, nothing is
-        compiled.
-
-        Args:
-            kernels: names as in ``operations``.
-
-        Raises:
-            BuildError: they do not compile.
-        """
-        libraries = self.raw.libraries.together(kernels)
-        if libraries is self.raw.libraries:
-            return self.with_parameters()
-        other = type(self)(libraries, self._again, self._binding, self._opener)
-        other = other.augmented if self.is_augmented else other
-        other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
-        return other
-
-    def with_threads(self, number: int) -> Self:
-        """Return the same code with separate parameters, whose batches so many threads share (see ``threads``).
-
-        Raises:
-            InputError: not a whole number from 1 on.
-        """
-        other = self.with_parameters()
-        other.threads = number
-        return other
-
-    def with_checks(self, wanted: bool) -> Self:
-        """Return the same code with separate parameters, which refuses NaN and infinity or not (see ``checks``).
-
-        Raises:
-            InputError: neither True nor False.
-        """
-        other = self.with_parameters()
-        other.checks = wanted
-        return other
-
     @property
     def threads(self) -> int:
         """Threads that share a batch, 1 at first; results do not depend on it.
 
-        ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
+        ``replaced`` copies the choice.
 
         Raises:
             InputError: on assignment of anything but a whole number from 1 on.
@@ -325,7 +253,7 @@ class CompiledCode(KernelMethods, KernelFunctions):
         go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs
         less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
         integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
-        still named.  ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
+        still named.  ``replaced`` copies the choice.
 
         Raises:
             InputError: on assignment of anything but True or False.
@@ -337,25 +265,3 @@ class CompiledCode(KernelMethods, KernelFunctions):
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.parameters.state.checks = bool(wanted)
-
-    def frame_index(self, name: str) -> int:
-        """Return the number of a frame or link in ``frames``, by which functions of C take it.
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-        """
-        return frame_number(self.frames, name)
-
-    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
-        """Refuse NaN and infinity in an argument of a kernel, or in a batch of them, whatever ``checks`` says.
-
-        Args:
-            label: the argument's name; "wrench" has rows of links, everything else numbers of coordinates.
-            array: of that shape, or (N, *shape).
-            shape: (n,); (steps, n); or (links, 6).
-            place: what follows the number, such as " at t = 1 s".
-
-        Raises:
-            ArrayError: there is such a number; coordinate, state and step of the first one are named.
-        """
-        self.calls.arrays.refuse_not_finite(label, array, shape, place)

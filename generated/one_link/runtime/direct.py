@@ -74,7 +74,7 @@ class State:
 
 
 class Bindable(Protocol):
-    """A kernel whose methods can be bound to an extension module."""
+    """Functions of a kernel that can be bound to an extension module: see ``methods.bound.BoundFunctions``."""
 
     def bind(self, module: ModuleType) -> None:
         """Let plain calls go through the module."""
@@ -92,23 +92,23 @@ class ExtensionBinding:
         self.module, self._expected, self._lock = module, expected, threading.Lock()
         self._waiting: weakref.WeakSet[Any] = weakref.WeakSet()
 
-    def take(self, kernel: Bindable) -> None:
-        """Bind a kernel to the module, now or when it comes."""
+    def take(self, functions: Bindable) -> None:
+        """Bind the functions of a kernel to the module, now or when it comes."""
         if self.module is None and self._expected:
             with self._lock:
                 if self.module is None and self._expected:
-                    self._waiting.add(kernel)
+                    self._waiting.add(functions)
                     return
         if self.module is not None:
-            kernel.bind(self.module)
+            functions.bind(self.module)
 
     def settle(self, module: ModuleType | None) -> None:
-        """Bind all kernels that wait; without a module they stay as they are."""
+        """Bind all functions that wait; without a module they stay as they are."""
         with self._lock:
             self.module, self._expected = module, False
             waiting, self._waiting = list(self._waiting), weakref.WeakSet()
-        for kernel in waiting if module is not None else ():
-            kernel.bind(module)
+        for functions in waiting if module is not None else ():
+            functions.bind(module)
 
 
 def packaged() -> ExtensionBinding:

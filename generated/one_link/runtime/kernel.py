@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import joint_lead
 from .derivatives.by_arguments import Differentiation
 from .derivatives.in_time import TimeDerivatives
 from .inverse_kinematics.kernel_method import InverseKinematics
@@ -21,7 +20,14 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     axes of several arrays go together as NumPy broadcasts, so that one state beside many stands for all of them.  SI
     units, radians; frames are the description's.  Coordinates are in the order of ``coordinates``.  Calls are
     re-entrant, release the GIL where they take long, and end soon after Ctrl-C.  Where the package has an extension
-    module (see ``is_direct``), methods with plain arrays go to the C without Python in between.
+    module (``functions.is_direct``), methods with plain arrays go to the C without Python in between.
+
+    Beside the equations of motion there are, in groups:
+
+    - derivatives: ``forward_dynamics_jacobian``, ``residual_jacobian``, ``rollout_sensitivity``, ``close_series``;
+    - copies and settings: ``replaced``, ``threads``, ``checks``, ``augmented``, ``split``;
+    - the description: ``n``, ``home``, ``limits``, ``ratio``, ``regressor_names``, ``regressor_values``, ``blocks``;
+    - ``functions``: all functions of the C, also those of springs, force elements, cut joints, constraints and sensors.
 
     Kernels can be copied and pickled, with separate parameters.  In another process the same package is loaded, or
     built where the cache there lacks it; a kernel of a generated package asks for that package by its name.
@@ -41,14 +47,15 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             ``loop_reactions``, ``forward_dynamics_jacobian`` and ``rollout``, of which some know the tree that is left
             when the loops are cut by ``cut=True``; all other methods are those of that tree.
         constraints: names of the constraint's components, such as "loop1.x".
-        couplings: names of the rigid couplings whose followers are no coordinates, in the order of ``coupling_forces``;
-            see ``followers``.
+        couplings: names of the rigid couplings whose followers are no coordinates, in the order of
+            ``functions.coupling_forces``; see ``followers``.
         follower_names: names of what these couplings move, each behind those that it follows itself.
-        springs: names of the springs between two points, in the order of ``spring_forces``.
+        springs: names of the springs between two points, in the order of
+            ``functions.spring_forces``.
         element_rows: names of the coordinates of other force elements between two links ("mount.x"), in the order of
-            ``element_forces``.
+            ``functions.element_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
-            order of ``cut_forces``.
+            order of ``functions.cut_forces``.
         prescribed: names of the coordinates whose motion is prescribed, in their order.
         actuated_coordinates: names of the coordinates that have a drive, in their order.
         efforts: mapping from coordinates to limits of their drives' forces, N or N m, as the description has them.
@@ -63,6 +70,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         dtype: the dtype of all arrays.
         raw: the functions of C as they are, for programs that call them without checks.
         calls: checked calls of those functions by their names.
+        functions: methods that call one function of C each, see ``Functions``.
 
     Raises (all methods):
         ArrayError: an array of wrong shape, with numbers that the dtype cannot hold exactly, or with NaN or infinity
@@ -110,32 +118,9 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
         if not self.couplings:
             return self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, out)
         a = self.forward_dynamics(q, v, u, z, wrench=wrench)
-        forces = self.coupling_forces(q, v, a, wrench=wrench, z=z)
+        forces = self.functions.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
             forces = np.concatenate(
                 [self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, None), forces], axis=-1
             )
         return self.calls.arrays.written(forces, out)
-
-    def drive_forces(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None = None, *, out: Array | None = None
-    ) -> Array:
-        """Return the forces of all drives on coordinates, (n,), N or N m, where u means what ``inputs`` says.
-
-        Args:
-            q, v, u: (n,).
-            z: internal states, (m,).
-            out: array to write to.
-        """
-        if not self.calls.arrays.has_drives:
-            return self.calls.arrays.written(self._undriven(q, v, u, z), out)
-        return self._bound[name_of(self.drive_forces)](q, v, u, z, out)
-
-    def _undriven(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, z: ArrayLike | None) -> Array:
-        """Return u, which is the forces where no drive takes it otherwise."""
-        lead: tuple[int, ...] = ()
-        for label, value, states in (("q", q, None), ("v", v, z), ("u", u, None)):
-            joined = self.calls.join(label, value, states)
-            array, own = self.calls.augmented.array(label, joined, (self.augmented.n,))
-            lead = joint_lead(label, own, lead)
-        return self.calls.split(np.array(np.broadcast_to(array, (*lead, self.augmented.n))), "vector")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..names import show
 from .compiled_code import CompiledCode
+from .methods.bound import frame_number
 from .raw import Array
 
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
@@ -35,8 +36,8 @@ class Kinematics(CompiledCode):
             UnknownNameError: no frame or link of that name.
             InputError: another reference.
         """
-        place, seen = self.frame_index(frame), _checked(reference)
-        linear, angular = np.split(self.frame_velocities(q, v)[..., place, :], 2, axis=-1)
+        place, seen = frame_number(self.frames, frame), _checked(reference)
+        linear, angular = np.split(self.functions.frame_velocities(q, v)[..., place, :], 2, axis=-1)
         if seen == "WORLD":
             linear = linear + np.cross(self.frame_pose(q, frame)[..., :3, 3], angular)
         return self._in_axes(q, frame, seen, linear, angular)
@@ -57,31 +58,12 @@ class Kinematics(CompiledCode):
             UnknownNameError: no frame or link of that name.
             InputError: another reference.
         """
-        place, seen = self.frame_index(frame), _checked(reference)
-        linear, angular = np.split(self.frame_accelerations(q, v, a)[..., place, :], 2, axis=-1)
+        place, seen = frame_number(self.frames, frame), _checked(reference)
+        linear, angular = np.split(self.functions.frame_accelerations(q, v, a)[..., place, :], 2, axis=-1)
         if seen == "WORLD":
-            velocity, rate = np.split(self.frame_velocities(q, v)[..., place, :], 2, axis=-1)
+            velocity, rate = np.split(self.functions.frame_velocities(q, v)[..., place, :], 2, axis=-1)
             linear = linear + np.cross(velocity, rate) + np.cross(self.frame_pose(q, frame)[..., :3, 3], angular)
         return self._in_axes(q, frame, seen, linear, angular)
-
-    def frame_bias_acceleration(
-        self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"
-    ) -> Array:
-        """Return the rate of a frame's Jacobian times v, J_dot v, (6,): linear (m/s^2), angular (rad/s^2).
-
-        It is ``frame_acceleration`` where a is 0: acceleration is J a + J_dot v.  J of "LOCAL_WORLD_ALIGNED" is
-        ``frame_jacobian``.
-
-        Args:
-            q, v: (n,).
-            frame: one of ``frames``.
-            reference: as of ``frame_acceleration``.
-
-        Raises:
-            UnknownNameError: no frame or link of that name.
-            InputError: another reference.
-        """
-        return self.frame_acceleration(q, v, np.zeros(self.n, self.dtype), frame, reference)
 
     def _in_axes(self, q: ArrayLike, frame: str, reference: str, linear: Array, angular: Array) -> Array:
         """Return two vectors of the base frame one behind the other, in the axes of a reference."""

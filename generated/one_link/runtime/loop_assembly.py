@@ -14,6 +14,7 @@ from .arrays import joint_lead, names_in, place_of
 from .calls import Calls
 from .compiled_code import CompiledCode
 from .loop_errors import left_open
+from .methods.kernel_methods import KernelFunctions
 from .raw import Array
 from .turning import BACK, ON, Places, seen, singular_joints
 
@@ -41,7 +42,7 @@ class LoopClosure(CompiledCode):
         They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
         x, then y, then z; zero in what the joint blocks, where the loops are closed.
         """
-        poses = self.cut_poses(q)
+        poses = self.functions.cut_poses(q)
         R = poses[..., :3, :3]
         angles = (
             np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
@@ -95,7 +96,7 @@ class LoopClosure(CompiledCode):
         guesses, of_v = calls.array("v", v, (n,))
         lead = joint_lead("v", of_v, of_q)
         states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
-        violations = calls.run(CompiledCode.constraint, None, (states,))
+        violations = calls.run(KernelFunctions.constraint, None, (states,))
         _refuse(
             calls, violations, OPEN[calls.dtype.itemsize], "is open", "q of kernel.assemble", lambda i: _place(i, lead)
         )
@@ -127,7 +128,7 @@ def tangent_directions(calls: Calls, q: Array, weights: Array) -> Array:
         calls: of a robot with loops.
         weights: (n,); 0 where a coordinate stays.
     """
-    _, S, Vt = np.linalg.svd(calls.run(CompiledCode.constraint_jacobian, None, (q,)) * weights)
+    _, S, Vt = np.linalg.svd(calls.run(KernelFunctions.constraint_jacobian, None, (q,)) * weights)
     rank = int(np.count_nonzero(RANK[calls.dtype.itemsize] * S.max(initial=0.0) < S))
     return np.asarray(Vt[rank:].T)
 
@@ -139,7 +140,7 @@ def closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: 
         rest: of time derivatives of higher order what the constraint's has beside J times them, (N, m).
     """
     bits, moving = calls.dtype.itemsize, moving.copy()
-    J = calls.run(CompiledCode.constraint_jacobian, None, (states,))
+    J = calls.run(KernelFunctions.constraint_jacobian, None, (states,))
     if free.any():
         back, scaled = _scaled(calls, states, J, free, place)
         pseudo = np.linalg.pinv(scaled, rcond=RANK[bits])
@@ -231,7 +232,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
     turns = _turns(calls)
     spread = np.where(turns, np.pi, max(REACH, float(np.abs(guess[~turns]).max(initial=0.0))))
     tried[1:] += (rng.uniform(-1.0, 1.0, tried[1:].shape) * spread).astype(calls.dtype)
-    with_effect = free & (np.abs(calls.run(CompiledCode.constraint_jacobian, None, (tried,))).max(axis=(0, 1)) > 0.0)
+    with_effect = free & (np.abs(calls.run(KernelFunctions.constraint_jacobian, None, (tried,))).max(axis=(0, 1)) > 0.0)
     tried[:, ~with_effect] = guess[~with_effect]
     states, violations = _closed(calls, tried, with_effect)
     closed = np.abs(violations).max(axis=1) <= CLOSED[calls.dtype.itemsize]
@@ -253,7 +254,7 @@ def _roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Arra
 
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """Close states, (N, n), by the Levenberg-Marquardt method; return them and their constraint violations, (N, m)."""
-    q, violations = guesses.copy(), calls.run(CompiledCode.constraint, None, (guesses,))
+    q, violations = guesses.copy(), calls.run(KernelFunctions.constraint, None, (guesses,))
     for group in _chart_groups(calls, guesses, free):
         still = np.zeros_like(guesses[group.rows])
         solution, violations[group.rows] = _by_steps(group.calls, group.turned(guesses[group.rows], still)[0], free)
@@ -264,17 +265,17 @@ def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
 def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """Close guesses in the coordinates that these calls know."""
     q, enough = guesses.copy(), CLOSED[calls.dtype.itemsize]
-    g = calls.run(CompiledCode.constraint, None, (q,))
+    g = calls.run(KernelFunctions.constraint, None, (q,))
     damping = np.full(len(q), 1e-3)
     for _ in range(ROUNDS if free.any() else 0):
         todo = np.flatnonzero((np.abs(g).max(axis=1) > enough) & (damping <= 1e12))
         if not todo.size:
             break
         violation = np.linalg.norm(g[todo], axis=1)
-        J = calls.run(CompiledCode.constraint_jacobian, None, (q[todo],))[:, :, free]
+        J = calls.run(KernelFunctions.constraint_jacobian, None, (q[todo],))[:, :, free]
         trial = q[todo]
         trial[:, free] += _damped_step(J, g[todo], damping[todo] * violation).astype(calls.dtype)
-        trial_violations = calls.run(CompiledCode.constraint, None, (trial,))
+        trial_violations = calls.run(KernelFunctions.constraint, None, (trial,))
         better = np.linalg.norm(trial_violations, axis=1) < violation
         q[todo[better]], g[todo[better]] = trial[better], trial_violations[better]
         damping[todo] = np.where(better, np.maximum(0.2 * damping[todo], 1e-12), 5.0 * damping[todo])
@@ -327,7 +328,7 @@ def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
     upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
     if not any(upright.values()):
         return loops
-    poses = calls.run(CompiledCode.cut_poses, None, (q,))
+    poses = calls.run(KernelFunctions.cut_poses, None, (q,))
     for loop, terms in reversed(list(enumerate(upright.values()))):
         if terms:
             loops[sum(factor * poses[:, loop, i, j] for factor, i, j in terms) <= 0.0] = loop
@@ -373,7 +374,7 @@ def _offsets(calls: Calls, q: Array, violations: Array) -> list[str]:
         if kind in ("joints", "loops") and path[1:2] == ["offset"] and value != 0.0 and name not in taken_up:
             other = calls.parameters.copy()
             other[name] = 0.0
-            without = calls.with_parameters(other).run(CompiledCode.constraint, None, (q[np.newaxis],))[0, worst]
+            without = calls.with_parameters(other).run(KernelFunctions.constraint, None, (q[np.newaxis],))[0, worst]
             if abs(without - violations[worst]) > CHANGED * abs(violations[worst]):
                 offsets.append(f"{name} = {value:g}")
     return offsets

@@ -210,7 +210,21 @@ class Parameters(MutableMapping[str, float]):
         return parameters_of, (*self._again, dict(self), turned)
 
     def turn(self, joints: Collection[str]) -> None:
-        """Let these joints be turned, of those with 3-DOF rotation (``RawKernel.turning``), and the others not."""
+        """Turn the coordinates of these joints with 3-DOF rotation, and those of no others.
+
+        The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
+        where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
+        inverse_dynamics, mass_matrix, residual_jacobian and external_force; with loops not for inverse_dynamics, but
+        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  All else
+        stays as it is described.  It is for integrations, which choose by ``RawKernel.turning``; ``rollout`` does it
+        by itself.
+
+        Raises:
+            UnknownNameError: a joint without 3-DOF rotation.
+        """
+        for name in joints:
+            if name not in self._raw.turning:
+                raise UnknownNameError(f"joints: {name!r} has no 3-DOF rotation; known: {', '.join(self._raw.turning)}")
         turned = [float(name in joints) for name in self._raw.turning]
         self.state.assign(*(x for k, number in enumerate(turned) for x in (len(self._slots) + k, number)))
 

@@ -278,7 +278,7 @@ class RawKernel:
     """Compiled C: functions, the shapes of their arrays, and addresses for other programs.
 
     Nothing is checked here, neither shapes nor dtypes nor the life of a pointer; ``Kernel`` does that.  The header of
-    the kernel (``kernel.source("h")``) says what every array holds.
+    the kernel (``kernel.raw.source("h")``) says what every array holds.
 
     Attributes:
         libraries: where the functions are.

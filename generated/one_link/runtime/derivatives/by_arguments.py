@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from ...names import nearest_or_all, show
 from ..arrays import coordinate_axes
 from ..calls import Calls
 from ..compiled_code import CompiledCode
+from ..methods.bound import frame_number
 from ..parameters import parameter_slots
 from ..raw import Array, Method, name_of
 
@@ -34,7 +35,6 @@ class Differentiated:
         name: the function's.
         reads: names of the arrays that its C reads; ``arguments`` are those of the method.
         writes: name of what its derivatives take it to write; for a function of a frame that is of all frames.
-        frame_index: gives a frame's number by its name.
         closes: whether it refuses states in which loops are open.
     """
 
@@ -42,11 +42,10 @@ class Differentiated:
     name: str
     reads: tuple[str, ...]
     writes: str
-    frame_index: Callable[[str], int]
     closes: bool
 
     @classmethod
-    def of(cls, calls: Calls, name: str, frame_index: Callable[[str], int]) -> Differentiated:
+    def of(cls, calls: Calls, name: str) -> Differentiated:
         """Return the function of that name.
 
         Raises:
@@ -63,9 +62,9 @@ class Differentiated:
         function = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
             *reads, weights = function.reads
-            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index, function.closes)
+            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), function.closes)
         arrays = len(function.reads) // 2 if kinds[0] == TANGENT else len(function.reads) - 1
-        return cls(calls, name, function.reads[:arrays], function.writes, frame_index, function.closes)
+        return cls(calls, name, function.reads[:arrays], function.writes, function.closes)
 
     @property
     def is_framed(self) -> bool:
@@ -94,7 +93,7 @@ class Differentiated:
             raise InputError(f"{self.name}: got {_number(args)} arguments; allowed: ({', '.join(wanted)})")
         arrays, frame = list(args[: len(self.arguments)]), None
         if self.is_framed:
-            frame = self.frame_index(args[-1])
+            frame = frame_number(self.calls.raw.libraries.meta["frames"], args[-1])
         if self.closes:
             reads = len(self.reads)
             self.calls.run(self.name, None, arrays[:reads], z=arrays[reads] if len(arrays) > reads else None)
@@ -363,7 +362,7 @@ class Differentiation(CompiledCode):
         return np.moveaxis(columns, len(lead), -1)
 
     def _differentiated(self, name: Method) -> Differentiated:
-        return Differentiated.of(self.calls, name_of(name), self.frame_index)
+        return Differentiated.of(self.calls, name_of(name))
 
 
 def _three(first: Array, second: Array, third: Array) -> tuple[Array, Array, Array]:

@@ -14,6 +14,7 @@ from ...errors import InputError, UnknownNameError
 from ...names import listed, nearest_or_all, show
 from ..arrays import OF_ORDERS, names_in, place_of
 from ..loop_assembly import LoopClosure, closed_rates, free_coordinates
+from ..methods.bound import frame_number
 from ..raw import Array, Method, name_of
 from .by_arguments import FRAMED
 
@@ -73,7 +74,7 @@ class TimeDerivatives(LoopClosure):
         name = name_of(name)
         wanted = self._requested(name, order)
         motion, others, frame = _split(name, wanted, series)
-        index = self.frame_index(frame) if wanted.writes in FRAMED else None
+        index = frame_number(self.frames, frame) if wanted.writes in FRAMED else None
         arrays = [*motion, *(x for one in others for x in one)]
         z = others.pop() if self.calls.takes_z(name) else None
         if self.augmented is not self:
@@ -132,9 +133,9 @@ class TimeDerivatives(LoopClosure):
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
         order = len(motion) - 2
         if order == 0:
-            return self.calls.run(self.constraint_bias, None, motion)
-        rest = self.jet(self.constraint_bias, motion, order)[order]
-        for i, J in enumerate(self.jet(self.constraint_jacobian, motion[:-1], order)[1:], 1):
+            return self.calls.run(self.functions.constraint_bias, None, motion)
+        rest = self.jet(self.functions.constraint_bias, motion, order)[order]
+        for i, J in enumerate(self.jet(self.functions.constraint_jacobian, motion[:-1], order)[1:], 1):
             rest = rest + math.comb(order, i) * np.einsum("kmn,kn->km", J, motion[order + 2 - i])
         return rest
 

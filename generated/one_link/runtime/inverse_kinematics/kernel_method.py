@@ -11,6 +11,7 @@ from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
 from ..arrays import names_in, numbers_in
 from ..by_name import NamedViews
+from ..methods.bound import frame_number
 from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
 from .rotations import Array, rotation_matrices
 
@@ -208,7 +209,7 @@ def tool_frame(kernel: ClosedKinematics, frame: str | None) -> str:
     if frame is None and "tcp" not in kernel.frames:
         raise UnknownNameError(f"frame: none is called tcp; allowed: {listed(list(kernel.frames))}")
     if frame is not None:
-        kernel.frame_index(frame)
+        frame_number(kernel.frames, frame)
     return "tcp" if frame is None else frame
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -59,31 +60,46 @@ class CheckedFunction:
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
-class BoundFunctions(dict[str, Callable[..., Array]]):
-    """Functions by their names, which take arrays and options in their order; made when they are first looked up."""
+class BoundFunctions:
+    """Functions as attributes and by their names, which take arrays and options in their order.
 
-    def __init__(self, calls: Calls) -> None:
-        super().__init__()
-        self.calls = calls
-        self._direct: DirectFunctions | None = None
+    Each is made when it is first looked up; from then on it is an attribute like others.
 
-    def __missing__(self, name: str) -> Callable[..., Array]:
+    Attributes:
+        direct: functions of the extension module, or None before the first binding.
+        is_direct: True if plain calls go through it.
+    """
+
+    def __init__(self, calls: Calls, direct: DirectFunctions | None = None) -> None:
+        """Take a kernel's calls, and the functions of the extension module where its code was bound before."""
+        self.calls, self.direct, self.is_direct = calls, direct, False
+
+    def __getattr__(self, name: str) -> Callable[..., Array]:
+        if name.startswith("__"):  # as copy and pickle ask for
+            raise AttributeError(name)
         checked = CheckedFunction.of(self.calls.raw, name)
         bound: Callable[..., Array] = partial(checked, self.calls)
-        if self._direct is not None and name in self.calls.raw.functions:
-            bound = self._direct.bound(checked, self.calls)
-        self[name] = bound
+        if self.direct is not None and self.is_direct and name in self.calls.raw.functions:
+            bound = self.direct.bound(checked, self.calls)
+        setattr(self, name, bound)
         return bound
 
-    @property
-    def is_direct(self) -> bool:
-        """True if plain calls go through an extension module."""
-        return self._direct is not None
+    def __getitem__(self, name: str) -> Callable[..., Array]:
+        bound: Callable[..., Array] = getattr(self, name)
+        return bound
 
-    def bind(self, functions: DirectFunctions) -> None:
-        """Let plain calls go through an extension module from now on."""
-        self._direct = functions
-        self.clear()
+    def bind(self, module: ModuleType) -> None:
+        """Let plain calls go through an extension module; with augmented arrays inside those of the C."""
+        if self.calls.augmented is not self.calls:
+            return
+        if self.direct is None or self.direct.module is not module:
+            self.direct = DirectFunctions(module, self.calls.raw)
+        parameters = self.calls.parameters
+        if not isinstance(parameters.state, module.State):
+            parameters.state = parameters.state.moved_to(module.State)
+        self.is_direct = True
+        for name in self.calls.raw.functions:
+            vars(self).pop(name, None)
 
 
 def options_of(function: RawFunction) -> tuple[str, ...]:
