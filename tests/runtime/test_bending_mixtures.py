@@ -22,6 +22,7 @@ from eomgen.runtime.stepping.methods import ADAPTIVE
 from tests.support.bending_mixtures import Mixture, answer, mixture
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
+from tests.support.methods import method_of
 from tests.support.random_robots import Array, State, random_robot, seeds
 from tests.support.refusals import refused
 
@@ -90,7 +91,7 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
     of = {label: np.array([getattr(s, label) for s in states]) for label in "qvau"}
     for name, reads in READS.items():
         more = {"cut": True} if mixed.robot.loops and name in OF_TREE else {}
-        call, rough = (partial(getattr(x, name), **more) for x in (kernel, single))
+        call, rough = (partial(method_of(x, name), **more) for x in (kernel, single))
         arrays = [of[label] for label in reads]
         together = call(*arrays)
         assert np.array_equal(together, [call(*(x[i] for x in arrays)) for i in range(STATES)]), name
