@@ -562,8 +562,8 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
                 alone.go()
             assert motion.progress[place].reason == alone.progress.reason == 1
             assert motion.progress[place].steps == alone.progress.steps
-            assert motion.evaluations[place] == alone.evaluations
-            assert motion.spans[place] == pytest.approx(alone.spans, rel=1e-12)  # sums over calls
+            assert motion.turns[place].evaluations == alone.turns.evaluations
+            assert motion.turns[place].spans == pytest.approx(alone.turns.spans, rel=1e-12)  # sums over calls
             assert np.array_equal(motion.samples[:, place], alone.samples)
 
 

@@ -64,11 +64,11 @@ def compiled_states(
         system.loaded = motion.loads
         system.counts |= {
             "steps": int(progress.steps),
-            "evaluations": motion.evaluations,
+            "evaluations": motion.turns.evaluations,
             "rejected": int(progress.rejected),
         }
         if method == AUTO:
-            system.counts |= implicit_spans(control.turns, motion.spans)
+            system.counts |= implicit_spans(control.turns, motion.turns.spans)
         if reached is not None:
             end = reached.exactly(
                 lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))

@@ -16,10 +16,9 @@ from ..state.journals import JournalContact, cut_contacts, cut_deviations, journ
 from ..state.motors import acting, deflections
 from ..state.springs import clearances, cut_numbers, law_numbers, stops
 from .cubics import Cubics
-from .until import Until
+from .until import Until, bisected
 
 CLEARANCE, STOP = "clearance", "stop"
-HALVINGS = 52  # of a step, to the last bit of a time
 
 
 @dataclass(frozen=True)
@@ -214,18 +213,11 @@ class ContactWatch:
         """Locate contacts alone, as ``find``."""
         if not len(self):
             return
-        crossed = np.flatnonzero((self.gaps(y0) > 0.0) != (self.gaps(y1) > 0.0))
-        for end in crossed:
-            state = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1))
-            closes = bool(self.gaps(y1)[end] > 0.0)
-            low, high = t0, t1
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                if (self.gaps(state(middle))[end] > 0.0) == closes:
-                    high = middle
-                else:
-                    low = middle
-            self.note(int(end), high, state(high), closes)
+        before, closes = (self.gaps(y) > 0.0 for y in (y0, y1))
+        state = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1))
+        for end in np.flatnonzero(before != closes).tolist():
+            t = bisected(t0, t1, lambda t, i=end: (self.gaps(state(t))[i] > 0.0) == before[i])  # type: ignore[misc]
+            self.note(end, t, state(t), bool(closes[end]))
         self.contacts.sort(key=lambda contact: contact.t)
 
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:

@@ -23,6 +23,7 @@ from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
 from ..runtime.kernel import Kernel
 from ..runtime.methods.wrenches import WrenchLike
+from ..runtime.stepping.rollouts import cut_apart
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .drives import drive_beside_states, drive_of, wrench_beside_states
@@ -274,10 +275,8 @@ def global_error(
 
 def error_of(kernel: Kernel, errors: Array, motions: ReferenceMotions) -> GlobalError:
     """Return errors of a kernel's states, (T, 2n), beside its references, with those of internal states apart."""
-    n = len(kernel.coordinates)
-    q, v, z = (
-        np.ascontiguousarray(x) for x in (errors[:, :n], errors[:, kernel.n : kernel.n + n], errors[:, kernel.n + n :])
-    )
+    q, v = np.split(errors, 2, axis=1)
+    q, v, z = cut_apart(q, v, len(kernel.coordinates))
     return GlobalError(
         coordinates=kernel.coordinates,
         q_error=q,

@@ -19,6 +19,14 @@ HALVINGS = 52  # of a step, to the last bit of a time
 CORRECTIONS = 6  # of a time, by secants
 
 
+def bisected(low: float, high: float, is_before: Callable[[float], bool]) -> float:
+    """Return the time between two at which something changes, s, to the last bit, from behind."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_before(middle) else (low, middle)
+    return high
+
+
 @dataclass(eq=False)
 class Reached(Exception):
     """The end of a motion that has reached its terminal event.
@@ -122,15 +130,12 @@ class Until:
             Reached: it is there.
         """
         side = self.of(states) >= 0.0
-        for k in np.flatnonzero(side[1:] != side[:-1])[:1].tolist():
-            low, high = float(times[k]), float(times[k + 1])
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                if bool(self.of(at(middle)[np.newaxis])[0] >= 0.0) == bool(side[k]):
-                    low = middle
-                else:
-                    high = middle
-            raise Reached(high, at(high), at, (float(times[k]), states[k]), self)
+        if (side[1:] == side[:-1]).all():
+            return
+        k = int((side[1:] != side[:-1]).argmax())
+        begin, end = float(times[k]), float(times[k + 1])
+        t = bisected(begin, end, lambda t: bool((self.of(at(t)[np.newaxis])[0] >= 0.0) == side[k]))
+        raise Reached(t, at(t), at, (begin, states[k]), self)
 
     def of(self, states: Array) -> Array:
         """Return the number less the value in states, (N, 2n), (N,)."""

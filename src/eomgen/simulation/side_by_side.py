@@ -174,7 +174,7 @@ class _Batch:
             member.failed = motion.progress[k].reason != DONE
             if not member.failed:
                 member.steps += motion.progress[k].steps
-                member.spans = {name: member.spans[name] + span for name, span in motion.spans[k].items()}
+                member.spans = {name: member.spans[name] + span for name, span in motion.turns[k].spans.items()}
                 self._take(member, system, data, times, motion.samples[:, k], keep)
 
     def _between(self, member: _Member, times: Array) -> tuple[Function, Function | None]:
