@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import show
-from .compiled_code import CompiledCode
+from .loop_assembly import LoopClosure
 from .methods.bound import frame_number
 from .raw import Array
 
@@ -17,8 +17,8 @@ Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[str, ...] = get_args(Reference)
 
 
-class Kinematics(CompiledCode):
-    """Kinematics of frames and of the links' masses."""
+class Kinematics(LoopClosure):
+    """Kinematics of frames, where loops may be closed."""
 
     def frame_velocity(
         self, q: ArrayLike, v: ArrayLike, frame: str, reference: Reference = "LOCAL_WORLD_ALIGNED"

@@ -11,8 +11,9 @@ from ...errors import ArrayError, InputError, UnknownNameError
 from ...names import joint_of, listed, nearest_or_all, show
 from ..arrays import names_in, numbers_in
 from ..by_name import NamedViews
+from ..kinematics import Kinematics
 from ..methods.bound import frame_number
-from .reaching import GUESSES, ClosedKinematics, Target, search, unreached
+from .reaching import GUESSES, Target, search, unreached
 from .rotations import Array, rotation_matrices
 
 MOST_STARTS = 100_000
@@ -23,7 +24,7 @@ POSES = (
 )
 
 
-class InverseKinematics(ClosedKinematics, NamedViews):
+class InverseKinematics(Kinematics, NamedViews):
     """Poses of frames, and coordinates that reach them."""
 
     @property
@@ -137,7 +138,7 @@ class InverseKinematics(ClosedKinematics, NamedViews):
 
 
 def reach_all(
-    kernel: ClosedKinematics,
+    kernel: Kinematics,
     targets: Sequence[Target],
     lead: Sequence[int],
     begun: Array,
@@ -182,7 +183,7 @@ def _held_exactly(limits: Array, dtype: np.dtype[np.floating]) -> Array:
     return within.astype(np.float64)
 
 
-def limits_of_all(kernel: ClosedKinematics, value: ArrayLike) -> Array:
+def limits_of_all(kernel: Kinematics, value: ArrayLike) -> Array:
     """Return lower and upper limits of all coordinates, (n, 2).
 
     Raises:
@@ -204,7 +205,7 @@ def are_limits(pair: Array) -> bool:
     return bool(low <= high and low < np.inf and high > -np.inf)
 
 
-def tool_frame(kernel: ClosedKinematics, frame: str | None) -> str:
+def tool_frame(kernel: Kinematics, frame: str | None) -> str:
     """Return the frame that is asked for, "tcp" if None; UnknownNameError where it is not there."""
     if frame is None and "tcp" not in kernel.frames:
         raise UnknownNameError(f"frame: none is called tcp; allowed: {listed(list(kernel.frames))}")
@@ -236,7 +237,7 @@ def targets_of(tool: str, pose: ArrayLike) -> tuple[list[Target], tuple[int, ...
     return [Target(tool, point, R) for point, R in zip(points, axes, strict=True)], lead
 
 
-def starting_states(kernel: ClosedKinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> Array:
+def starting_states(kernel: Kinematics, label: str, value: ArrayLike, lead: Sequence[int]) -> Array:
     """Return a state to begin from for each pose, (N, n), of one for all or one for each.
 
     Raises:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...errors import ReachError
 from ...names import kind_of
 from ..kinematics import Kinematics
-from ..loop_assembly import LoopClosure, closed_near, tangent_directions
+from ..loop_assembly import closed_near, tangent_directions
 from .rotations import Array, rpy_of, vector_of
 
 Mask = NDArray[np.bool_]
@@ -21,10 +21,6 @@ GUESSES, STEPS = 40, 100
 STEP = 0.3  # rad, m: longest step of an iteration
 AT_LIMIT = 1e-9  # m or rad
 _LEAST_STEP = 1e-14  # m or rad: nothing is won any more
-
-
-class ClosedKinematics(Kinematics, LoopClosure):
-    """Kinematics of frames, and of the loops that they move in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +37,18 @@ class Target:
     point: Array
     axes: Array | None = None
 
-    def error(self, kernel: ClosedKinematics, q: Array) -> Array:
+    def error(self, kernel: Kinematics, q: Array) -> Array:
         """Return what is missing at q: displacement, m, and rotation vector, rad, base frame, (3,) or (6,)."""
         pose = kernel.frame_pose(q, self.tool)
         off = self.point - pose[:3, 3]
         return off if self.axes is None else np.concatenate([off, vector_of(self.axes @ pose[:3, :3].T)])
 
-    def jacobian(self, kernel: ClosedKinematics, q: Array) -> Array:
+    def jacobian(self, kernel: Kinematics, q: Array) -> Array:
         """Return the tool's Jacobian in the rows of ``error``, (3, n) or (6, n)."""
         J = kernel.frame_jacobian(q, self.tool)
         return np.array(J[:3] if self.axes is None else J, np.float64)
 
-    def reached(self, kernel: ClosedKinematics, q: Array | None, guess: Array | None = None) -> Reached:
+    def reached(self, kernel: Kinematics, q: Array | None, guess: Array | None = None) -> Reached:
         """Return how near q, (n,), is; where it is None, that the loops do not close near a guess."""
         tolerance = CLOSE[kernel.dtype.itemsize]
         close = (tolerance * max(1.0, float(np.abs(self.point).max())), tolerance)
@@ -112,7 +108,7 @@ class Reached:
 
 
 def reach(
-    kernel: ClosedKinematics,
+    kernel: Kinematics,
     target: Target,
     q: Array,
     limits: Array,
@@ -162,7 +158,7 @@ def reach(
     return reached
 
 
-def _assembled(kernel: ClosedKinematics, q: Array, held: Mask, limits: Array, *, bounded: bool) -> Array | None:
+def _assembled(kernel: Kinematics, q: Array, held: Mask, limits: Array, *, bounded: bool) -> Array | None:
     """Return a state near q, (n,), whose loops are closed, within the limits if ``bounded``; None if there is none."""
     if not kernel.constraints:
         return q
@@ -175,9 +171,7 @@ def _assembled(kernel: ClosedKinematics, q: Array, held: Mask, limits: Array, *,
     return closed if closed is not None and within_limits(closed, limits) else None
 
 
-def _least_step(
-    kernel: ClosedKinematics, J: Array, reached: Reached, damping: float, weights: Array, held: Mask
-) -> Array:
+def _least_step(kernel: Kinematics, J: Array, reached: Reached, damping: float, weights: Array, held: Mask) -> Array:
     """Return the damped step of least weighted change, (n,); those that are held have none."""
     w = np.where(held, 0.0, weights)
     scaled = J * w
@@ -196,7 +190,7 @@ def _damped(A: Array, error: Array, damping: float) -> Array:
 
 
 def _bounded_step(
-    kernel: ClosedKinematics,
+    kernel: Kinematics,
     J: Array,
     reached: Reached,
     damping: float,
@@ -221,7 +215,7 @@ def at_limits(q: Array, step: Array, limits: Array) -> Mask:
 
 
 def search(
-    kernel: ClosedKinematics, target: Target, guess: Array, limits: Array, guesses: int = GUESSES
+    kernel: Kinematics, target: Target, guess: Array, limits: Array, guesses: int = GUESSES
 ) -> tuple[Reached, bool]:
     """Look for coordinates within the limits that bring the tool there, from the guess, then from others.
 
@@ -255,7 +249,7 @@ def within_limits(q: Array, limits: Array) -> bool:
 
 
 def unreached(
-    kernel: ClosedKinematics,
+    kernel: Kinematics,
     target: Target,
     reached: Reached,
     limits: Array,
@@ -279,7 +273,7 @@ def unreached(
     return ReachError(f"{kernel.name}: {label}: {what}{end}", reached.distance, reached.angle, reached.q)
 
 
-def binding(kernel: ClosedKinematics, target: Target, reached: Reached, limits: Array) -> str:
+def binding(kernel: Kinematics, target: Target, reached: Reached, limits: Array) -> str:
     """Say which limits keep a tool away, or which its coordinates leave; "" without any."""
     low, high = limits.T
     moving = low < high

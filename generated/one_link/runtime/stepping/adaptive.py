@@ -143,13 +143,10 @@ def _packed(
     """Pack loads for C, of a single state or of many."""
     if loads is None:
         return None
-    if isinstance(loads, InputSignals):
-        return (
-            PackedInputs(library, calls, loads, works=works)
-            if single
-            else PackedBatch(library, [calls], [loads], works=works)
-        )
-    return PackedBatch(library, [calls] * len(loads), loads, works=works)
+    each = [loads] if isinstance(loads, InputSignals) else loads
+    if single:
+        return PackedInputs(library, calls, each[0], works=works)
+    return PackedBatch(library, [calls] * len(each), each, works=works)
 
 
 def _result(motion: _Motion, works: Array | None) -> Rollout:

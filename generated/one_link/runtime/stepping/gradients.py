@@ -446,35 +446,26 @@ class Motion:
 
     def drive(self, library: Library, state: int) -> Any:
         """Return the drives of a state, for a library."""
-        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._arrays.drives, strict=False)}
-        fields = self._fields(state, [x for x, _, _ in self._arrays.drives], self._arrays.gains)
-        if self._arrays.effort is not None:
-            fields["effort"] = self.calls.raw.view(self._arrays.effort)
-        return library.drive(**fields, **steps)
+        self._pointers.append(self._arrays.fields(self.calls, state))
+        return library.drive(**self._pointers[-1])
 
     def trajectory(self, method: str, state: int, steps: Steps) -> CheckpointedTrajectory:
         """Return the trajectory of a state by a method of STEP_CODES."""
-        fields = self._fields(state, self._by_drives, self._by_gains)
-        by_parameters = self.calls.raw.view(self._by_parameters)
-        library = self.function.library
+        library, view = self.function.library, self.calls.raw.view
+        fields: dict[str, Any] = {"parameters": view(self._by_parameters)}
+        for name, array, (_, of_state, _) in zip(NAMES[2:4], self._by_drives, self._arrays.drives, strict=False):
+            fields[name] = view(array.reshape(-1)[state * of_state :])
+        fields |= zip(NAMES[4:], map(view, self._by_gains), strict=False)
+        self._pointers.append(fields)
         if self._acting is not None:
             fields["loads"] = self._acting.slopes(library, state)
-        slopes = library.new("slopes", parameters=by_parameters, **fields)
+        slopes = library.new("slopes", **fields)
         acts = self.drive(library, state), self.loads(library, state, BACK)
         return CheckpointedTrajectory(self.calls, self.function, method, acts, slopes, steps, KEPT // self.states)
 
     def loads(self, library: Library, state: int, slopes: Slopes | None = None) -> Any:
         """Return the loads of a state, for a library, with these derivatives; NULL without any."""
         return FFI.NULL if self._acting is None else self._acting.packed(library, state, slopes)
-
-    def _fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
-        """Return pointers to the rows of drives that a state reads, or adds derivatives to."""
-        view, pointers = self.calls.raw.view, dict[str, Any]()
-        for name, array, (_, of_state, _) in zip(("u", "target"), arrays, self._arrays.drives, strict=False):
-            pointers[name] = view(array.reshape(-1)[state * of_state :])
-        pointers |= zip(("kp", "kd"), map(view, gains), strict=False)
-        self._pointers.append(pointers)
-        return pointers
 
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
         """Return derivatives by name, in the shapes of the inputs."""

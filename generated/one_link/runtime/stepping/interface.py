@@ -20,7 +20,7 @@ from .many_steps import rollout
 from .methods import StepMethod
 from .options import Control, InputStepOptions, StepOptions, method_for
 from .reading_inputs import InputsLike
-from .rollouts import Inputs, Rollout
+from .rollouts import Inputs, Rollout, cut_apart
 from .saturation import Saturate, efforts_of
 from .sensitivities import rollout_sensitivity
 
@@ -118,8 +118,7 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        split = self._split(z)
-        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
@@ -135,23 +134,22 @@ class Rollouts(CompiledCode):
                 error.stored = Rollout.of(*error.stored).apart(split.n)
             raise
 
-    def _split(self, z: ArrayLike | None) -> SplitCalls | None:
-        """Return the calls where z is an array of its own; refuse z where no force law has internal states."""
-        if isinstance(self.calls, SplitCalls):
-            return self.calls
-        self.calls.refuse_z(z)
-        return None
+    def _inputs(self, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> tuple[SplitCalls | None, Inputs]:
+        """Return the calls where z is an array of its own, and inputs with efforts, then as augmented arrays.
 
-    def _inputs(self, split: SplitCalls | None, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
-        """Return inputs with efforts, as augmented arrays where z is an array of its own; its default is 0."""
+        The default of z is 0; without internal states it is refused.
+        """
+        split = self.calls if isinstance(self.calls, SplitCalls) else None
         q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
         kp, kd, target = control.kp, control.kd, control.target
-        if split is not None:
+        if split is None:
+            self.calls.refuse_z(z)
+        else:
             q0, v0 = split.join("q0", q0), split.join("v0", v0, z)
             given = (("u", u), ("target", target), ("kp", kp), ("kd", kd))
             u, target, kp, kd = (_padded(split, label, x) for label, x in given)
             saturate = saturate if isinstance(saturate, Mapping) else _padded(split, "saturate", saturate, np.inf)
-        return Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
+        return split, Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
 
     def rollout_gradient(  # noqa: PLR0913
         self,
@@ -210,8 +208,7 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        split = self._split(z)
-        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
         if split is None:
@@ -271,8 +268,7 @@ class Rollouts(CompiledCode):
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        split = self._split(z)
-        inputs = self._inputs(split, z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         if split is not None:
             _refuse_out(out)
@@ -280,7 +276,7 @@ class Rollouts(CompiledCode):
         states, rates = rollout_sensitivity(
             self.calls.augmented, inputs, options, parameters=parameters, along=along, loads=loads, out=out
         )
-        return (states, rates) if split is None else (_cut_apart(split, *states), _cut_apart(split, *rates))
+        return (states, rates) if split is None else (cut_apart(*states, split.n), cut_apart(*rates, split.n))
 
 
 def _refuse_out(out: object) -> None:
@@ -315,10 +311,9 @@ def _joined_loss(split: SplitCalls, loss: LossApart) -> Callable[[Array, Array, 
         split: the kernel's calls.
         loss: (t, q, v, z) -> its value, and derivatives by q, v and z, in their shapes.
     """
-    n = split.n
 
     def joined(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
-        apart = [np.ascontiguousarray(x) for x in (q[..., :n], v[..., :n], v[..., n:])]
+        apart = cut_apart(q, v, split.n)
         answer = loss(t, *apart)
         if not isinstance(answer, tuple) or len(answer) != 1 + len(LABELS):
             raise InputError(f"loss: it returned {show(answer)}; allowed: (value, {', '.join(LABELS)})")
@@ -368,10 +363,3 @@ def _joined_directions(split: SplitCalls, along: Mapping[str, ArrayLike]) -> dic
             raise ArrayError(f"along: v has shape {rates.shape}; expected {expected}, as many directions as z")
         joined["v"] = np.concatenate([rates, states], axis=1)
     return joined
-
-
-def _cut_apart(split: SplitCalls, q: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Return q and v of coordinates alone, and internal states."""
-    n = split.n
-    parts = (q[..., :n], v[..., :n], v[..., n:])
-    return tuple(np.ascontiguousarray(x) for x in parts)  # type: ignore[return-value]

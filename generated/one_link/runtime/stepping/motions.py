@@ -82,6 +82,7 @@ class SingleMotion:
         samples: q and v, (2, T, n), as far as ``done`` says.
         progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
         state: q and v that were reached, (2, n).
+        turns: what the steps took.
         works: of ``input_signals.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
     """
 
@@ -115,7 +116,7 @@ class SingleMotion:
         self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
         self._left = keep_steps([self.progress], calls, control.methods)
-        self._turns = StateTurns(control, self.progress, self._times[0], None if self._left is None else self._left[0])
+        self.turns = StateTurns(control, self.progress, self._times[0], None if self._left is None else self._left[0])
         if self.works is not None:
             self.progress.works = FFI.from_buffer("double[]", self.works)
         self._record = library.ffi.NULL
@@ -127,16 +128,6 @@ class SingleMotion:
         pointers = FFI.from_buffer("double[]", self._times), self._times.size - 1
         self._first = (self._setup.pointer(library), self._drive, self.loads.pointer, self._allowed, *pointers)
         self._last = (*map(view, (*self.state, *self.samples)), self.progress, self._record)
-
-    @property
-    def evaluations(self) -> int:
-        """Number of evaluations of accelerations."""
-        return self._turns.evaluations
-
-    @property
-    def spans(self) -> dict[str, float]:
-        """Time that each method led on by, s."""
-        return self._turns.spans
 
     @property
     def done(self) -> int:
@@ -156,10 +147,10 @@ class SingleMotion:
 
     def _steps(self, most: int) -> int:
         """Take steps, so many at most, and count them with those that were rejected."""
-        self._allowed.most = self._turns.steps(most)
-        self._turns.begin()
-        self._function.code(*self._first, ADAPTIVE[self._turns.method], *self._last)
-        return self._turns.end()
+        self._allowed.most = self.turns.steps(most)
+        self.turns.begin()
+        self._function.code(*self._first, ADAPTIVE[self.turns.method], *self._last)
+        return self.turns.end()
 
     def works_until(self, count: int) -> Array:
         """Return works at so many samples, (count, 4), J; at those that are not there, where it got to."""
@@ -184,6 +175,7 @@ class BatchMotion:
     Attributes:
         samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
         state: q and v that were reached, (2, states, n).
+        turns: what the steps of each state took.
         progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
     """
 
@@ -207,7 +199,7 @@ class BatchMotion:
         rows = [None] * count if left is None else list(left)
         begin = float(self._times[0])
         each = zip(self.progress, rows, strict=True)
-        self._turns = [StateTurns(control, progress, begin, row) for progress, row in each]
+        self.turns = [StateTurns(control, progress, begin, row) for progress, row in each]
         self._going = list(range(count))
         self._operations = function.operations * max(EVALUATIONS.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
@@ -222,21 +214,11 @@ class BatchMotion:
         self._first = *of_states, *followed, self._allowed, 1, *samples
         self._last = *map(view, (*self.state, *self.samples)), self.progress
 
-    @property
-    def evaluations(self) -> list[int]:
-        """Number of evaluations of accelerations of each state."""
-        return [turns.evaluations for turns in self._turns]
-
-    @property
-    def spans(self) -> list[dict[str, float]]:
-        """Time that each method led each state on by, s."""
-        return [turns.spans for turns in self._turns]
-
     def go(self) -> bool:
         """Go on by a piece of every state that has not ended; whether one is left."""
         turns: dict[str, list[int]] = {}
         for i in self._going:
-            turns.setdefault(self._turns[i].method, []).append(i)
+            turns.setdefault(self.turns[i].method, []).append(i)
         for method, states in turns.items():
             self._take_steps(method, states)
         self._going = [i for i in self._going if not self.progress[i].reason]
@@ -245,14 +227,14 @@ class BatchMotion:
     def _take_steps(self, method: str, states: list[int]) -> None:
         """Take steps of states by a method, those of a vector equally many, and count them with those rejected."""
         most = max(OPERATIONS // (self._operations * len(states)), TRIAL)
-        states.sort(key=lambda i: self._turns[i].steps(most))
+        states.sort(key=lambda i: self.turns[i].steps(most))
         for k in range(0, len(states), SIDE_BY_SIDE):
-            least = self._turns[states[k]].steps(most)
+            least = self.turns[states[k]].steps(most)
             for i in states[k : k + SIDE_BY_SIDE]:
                 self._allowed[i].most = least
         for i in states:
-            self._turns[i].begin()
+            self.turns[i].begin()
         pointer = FFI.from_buffer("size_t[]", np.array(states, dtype=np.uintp))
         self._function.batch(len(states), pointer, *self._first, ADAPTIVE[method], *self._last)
         for i in states:
-            self._turns[i].end()
+            self.turns[i].end()

@@ -44,8 +44,14 @@ class Rollout(tuple[Array, Array]):
 
     def apart(self, coordinates: int) -> Rollout:
         """Return q and v of so many coordinates, and what stands behind these in v as ``z``."""
-        q, v = (np.ascontiguousarray(x[..., :coordinates]) for x in self)
-        return Rollout.of(q, v, **vars(self), z=np.ascontiguousarray(self[1][..., coordinates:]))
+        q, v, z = cut_apart(*self, coordinates)
+        return Rollout.of(q, v, **vars(self), z=z)
+
+
+def cut_apart(q: Array, v: Array, coordinates: int) -> tuple[Array, Array, Array]:
+    """Return q and v of so many coordinates, and what stands behind these in v: internal states z."""
+    parts = q[..., :coordinates], v[..., :coordinates], v[..., coordinates:]
+    return tuple(np.ascontiguousarray(x) for x in parts)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
