@@ -20,7 +20,6 @@ KNOWN = {  # modules that have names, and why
     "codegen/joint/zero_listing.py": "zeros of M and C",
     "codegen/joint/zeros.py": "zeros of M and C",
     "src/eomgen/bench/textbook.py": "the textbook's algorithms for the same quantities, in C",
-    "src/eomgen/runtime/methods/kernel_methods.py": "methods, written from the table",
     "src/eomgen/runtime/stepping/input_signals.py": "members of C structures that hold functions",
     "src/eomgen/runtime/stepping/packed_inputs.py": "members of C structures that hold functions",
     "src/eomgen/runtime/stepping/options.py": "table of the methods of rollouts",

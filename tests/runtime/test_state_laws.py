@@ -244,7 +244,7 @@ def test_arm_is_consistent(arm: eomgen.Kernel) -> None:
     """Motors, prescribed coordinates, matrices, springs: residual, slopes, mass matrix."""
     q, v, u, z = state_of(arm)
     n, split, arm = q.size, arm, arm.augmented
-    free = np.array([name not in arm.prescribed for name in arm.velocities])
+    free = np.array([name not in arm.prescribed for name in arm.calls.coordinates])
     Q, V, U = np.r_[q, 0.0 * z], np.r_[v, z], np.r_[u, 0.0 * z]
     a = arm.forward_dynamics(Q, V, U)
     assert (a[:n] == split.forward_dynamics(q, v, u, z)).all()
