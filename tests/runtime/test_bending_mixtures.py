@@ -62,7 +62,7 @@ def subject(seed: int, built: Build, **options: Any) -> tuple[Mixture, Kernel, l
     """Build a robot, and draw states of it; of a mechanism with loops one that is closed."""
     for number in range(seed, seed + 10_000, 1000):
         mixed = mixture(number)
-        kernel = built(mixed.robot, *KERNELS, *(LOOPS if mixed.robot.loops else ()), **options)
+        kernel = built(mixed.robot, *KERNELS, *(LOOPS if mixed.robot.loops else ()), **options).augmented
         states = [mixed.state(number + i) for i in range(STATES)]
         if not mixed.robot.loops:
             return mixed, kernel, states
@@ -87,7 +87,7 @@ def off(found: Any, expected: Any) -> float:
 def test_batches_and_float32(seed: int, built: Build) -> None:
     """States of a batch have the bits of each alone; single precision is near double."""
     mixed, kernel, states = subject(seed, built)
-    single = built(mixed.robot, *READS, *(LOOPS if mixed.robot.loops else ()), dtype="float32")
+    single = built(mixed.robot, *READS, *(LOOPS if mixed.robot.loops else ()), dtype="float32").augmented
     of = {label: np.array([getattr(s, label) for s in states]) for label in "qvau"}
     for name, reads in READS.items():
         more = {"cut": True} if mixed.robot.loops and name in OF_TREE else {}
