@@ -1,6 +1,6 @@
 """Write the methods of kernels from the table of kernels: python -m release.kernel_methods.
 
-Signatures, bodies and descriptions of arguments come from the table.  What is described in words, the summary, the
+Signatures and descriptions of arguments come from the table.  What is described in words, the summary, the
 details and the errors, stays as the module has it; for a new kernel it is the text of the table at first.
 """
 
@@ -31,6 +31,7 @@ WORDS = {
     "cut": "of a robot with loops: compute the open tree, whose loops are cut.",
     "out": "array to write to.",
 }
+Z_AFTER_ARRAYS = ("forward_dynamics", "drive_forces")  # whose z needs no name
 SECTION = re.compile(r"\n\n(Args|Raises):\n")
 INTRODUCTION = {
     CORE: "Methods of kernels that call a function of C each; see ``Kernel`` for arrays, batches and errors.",
@@ -41,12 +42,14 @@ HEAD = '''"""Methods of kernels, written by ``python -m release.kernel_methods``
 Docstrings may be edited here: but for arguments they are kept.
 """
 
+# mypy: disable-error-code="empty-body"
+
 from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
 from ..raw import Array
-from .bound import BoundFunctions
+from .bound import BoundFunctions, kernel_method
 from .wrenches import WrenchLike
 '''
 
@@ -86,7 +89,7 @@ def method(name: str, signature: Signature, found: str) -> str:
     options = [*signature.takes, "out"]
     reads = [f"{x}: {'WrenchLike' if x == 'wrench' else 'ArrayLike'}" for x in signature.reads]
     parameters = ["self", *reads, *(f"{x}: str" for x in framed)]
-    if "z" in options and name == "forward_dynamics":  # the last of its arguments of state
+    if "z" in options and name in Z_AFTER_ARRAYS:  # the last of its arguments of state
         parameters.append(f"z: {TYPES['z']}")
     parameters += ["*", *(f"{x}: {TYPES[x]}" for x in options if not any(p.startswith(f"{x}:") for p in parameters))]
     returned = "tuple[Array, ...]" if signature.writes in PARTS else "Array"
@@ -95,9 +98,8 @@ def method(name: str, signature: Signature, found: str) -> str:
         head = "\n".join([f"    def {name}(", *(f"        {x}," for x in parameters), f"    ) -> {returned}:"])
     doc = documented(signature, found).replace("\n", "\n        ").replace("        \n", "\n")
     closing = "\n        " if "\n" in doc else ""
-    arguments = ", ".join([*signature.reads, *framed, *options])
-    call = f"self._bound.{name}({arguments})"
-    return f'{head}\n        """{doc}{closing}"""\n        return {call if returned == "Array" else f"tuple({call})"}\n'
+    otherwise = f'"{signature.otherwise}"' if signature.otherwise else ""
+    return f'    @kernel_method({otherwise})\n{head}\n        """{doc}{closing}"""\n'
 
 
 def module(text: str) -> str:

@@ -140,6 +140,7 @@ class Signature:
     tree: the kernel that computes the same for the open tree, where the robot has constraints.
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
     method: class of the generated method of its name in ``runtime/kernel_methods.py``, if there is one.
+    otherwise: the argument by coordinate that the method returns where no drive has internal states, if it does.
     states: whether the result depends on internal states of force laws.
     diagnosis: what error messages take from it about a state: the mass matrix, the forces of a motion of the open tree,
         the constraint violation with its Jacobian and bias, drives of closed loops, poses of loop joints, Jacobian of
@@ -172,6 +173,7 @@ class Signature:
     tree: str = ""
     loaded: str = ""
     method: MethodClass | None = None
+    otherwise: str = ""
     states: bool = False
     diagnosis: Diagnosis = ""
     derivatives: tuple[Kind, ...] = DERIVED

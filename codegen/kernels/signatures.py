@@ -412,6 +412,8 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         " what drives take in.",
         needs="drives",
         states=True,
+        method=MORE,
+        otherwise="u",
     ),
     kernel(
         "drive_jacobian(q, v, u) -> derivatives",

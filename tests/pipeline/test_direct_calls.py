@@ -47,9 +47,9 @@ def test_a_package_has_the_module_and_does_without(tmp_path: Path) -> None:
     direct, kind, first, second = answer(python(call))
     assert (direct, kind, first) == (True, "Direct", second)
     made.write_bytes(b"no library")
-    assert answer(python(call)) == [False, "partial", first, first]
+    assert answer(python(call)) == [False, "CalledInPython", first, first]
     made.unlink()
-    assert answer(python(call)) == [False, "partial", first, first]
+    assert answer(python(call)) == [False, "CalledInPython", first, first]
 
 
 @pytest.mark.soak

@@ -6,6 +6,7 @@ import copy
 import gc
 import inspect
 import pickle
+import pydoc
 import sys
 import threading
 import tracemalloc
@@ -191,7 +192,7 @@ def in_python(kernel: Kernel) -> Kernel:
     """Return the same kernel, with separate parameters, whose calls go through Python."""
     other = kernel.replaced()
     other._bound = BoundFunctions(other.calls)
-    other.functions = Functions(other._bound, other.calls)
+    other.functions = Functions(other._bound)
     return other
 
 
@@ -299,19 +300,65 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     assert asked == ["mass_matrix", "bias_force", "christoffel", "mass_matrix"]
 
 
-def test_a_method_can_be_pickled_and_copied() -> None:
-    kernel = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",))
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_method_can_be_pickled_and_copied(direct: bool) -> None:
+    kernel = eomgen.build("one_link", kernels=("generalized_force",), flags=("-O0",))
     kernel.parameters["gravity.y"] = -1.0
-    expected = kernel.mass_matrix(Q)
+    kernel.checks, kernel.threads = False, 2
+    expected = kernel.generalized_force(Q, V)
+    method: Any = (kernel if direct else in_python(kernel)).generalized_force
     for found in (
-        pickle.loads(pickle.dumps(kernel.mass_matrix)),
-        copy.copy(kernel.mass_matrix),
-        copy.deepcopy(kernel.mass_matrix),
-        pickle.loads(pickle.dumps(kernel)).mass_matrix,
+        pickle.loads(pickle.dumps(method)),
+        copy.copy(method),
+        copy.deepcopy(method),
+        pickle.loads(pickle.dumps(kernel)).generalized_force,
     ):
-        assert np.array_equal(found(Q), expected)
-        assert found.__self__.parameters["gravity.y"] == -1.0
-        assert is_direct(found.__self__, "mass_matrix")
+        assert type(found).__name__ == "Direct"
+        assert np.array_equal(found(Q, V), expected)
+        calls = found.__wrapped__.__self__
+        assert (calls.parameters["gravity.y"], calls.checks, calls.threads) == (-1.0, False, 2)
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_method_shows_itself_as_that_of_the_class(direct: bool, built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    method: Any = (kernel if direct else in_python(kernel)).forward_dynamics
+    shown: Any = Kernel.forward_dynamics
+    assert type(method).__name__ == ("Direct" if direct else "CalledInPython")
+    assert list(inspect.signature(shown).parameters)[1:] == list(inspect.signature(method).parameters)
+    for name in ("__doc__", "__name__", "__qualname__", "__module__", "__annotations__"):
+        assert getattr(method, name) == getattr(shown, name), name
+    assert repr(method) == f"<forward_dynamics of {kernel.name}>"
+    assert inspect.isroutine(method)
+    told = pydoc.plain(pydoc.render_doc(method))
+    assert "Return accelerations, (n,), m/s^2 or rad/s^2, under the drives u." in told
+    assert "forward_dynamics(q:'ArrayLike'" in "".join(told.split())  # from Python 3.13 on in several lines
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = method.nothing
+    assert np.array_equal(shown(kernel, Q, V, U), method(Q, V, U))
+
+    class Holder:
+        call = method
+
+    assert np.array_equal(Holder().call(Q, V, U), method(Q, V, U))  # as a bound method, no self
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_wrong_calls_raise_as_in_python(direct: bool, built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    method: Any = (kernel if direct else in_python(kernel)).forward_dynamics
+    given = {"q": Q, "v": V, "u": U}
+    assert np.array_equal(method(**given), method(Q, V, U))
+    assert np.array_equal(method(Q, u=U, v=V), method(Q, V, U))
+    cases: tuple[tuple[str, tuple[Any, ...], dict[str, Any]], ...] = (
+        ("missing 1 required positional argument: 'u'", (Q, V), {}),
+        ("takes from 4 to 5 positional arguments but 6 were given", (Q, V, U, None, None), {}),
+        ("got multiple values for argument 'q'", (Q, V, U), {"q": Q}),
+        ("got an unexpected keyword argument 'wrenches'", (Q, V, U), {"wrenches": None}),
+    )
+    for message, positional, keywords in cases:
+        with pytest.raises(TypeError, match=message):
+            method(*positional, **keywords)
 
 
 def test_methods_of_a_subclass_are_its_own(built: Build) -> None:
@@ -339,10 +386,11 @@ def test_kernels_go_with_their_last_reference(built: Build) -> None:
         method, gone = kernel.forward_dynamics, weakref.ref(kernel)
         kernel.mass_matrix(Q)
         del kernel
-        assert gone() is not None
+        assert gone() is None
+        kept = weakref.ref(method.__wrapped__.__self__)  # type: ignore[attr-defined]
         assert np.array_equal(method(Q, V, U), expected)
         del method
-        assert gone() is None
+        assert kept() is None
 
         def work() -> None:
             for number in range(200):
@@ -378,15 +426,15 @@ def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
     assert kernel.functions.is_direct
     method, other = kernel._bound["mass_matrix"], kernel.replaced()._bound["mass_matrix"]
     assert not method.is_armed  # type: ignore[attr-defined]
-    refused(ArrayError, "q: expected float64 of shape", method, np.zeros(3), None)
-    expected = method(Q, None)
+    refused(ArrayError, "q: expected float64 of shape", method, np.zeros(3))
+    expected = method(Q)
     assert method.is_armed  # type: ignore[attr-defined]
     assert other.is_armed  # type: ignore[attr-defined]
-    assert np.array_equal(method(Q, None), expected)
-    assert np.array_equal(other(Q, None), expected)
+    assert np.array_equal(method(Q), expected)
+    assert np.array_equal(other(Q), expected)
     assert not kernel._bound["bias_force"].is_armed  # type: ignore[attr-defined]
-    with pytest.raises(TypeError, match="mass_matrix: takes 2 arguments"):
-        method(Q)
+    with pytest.raises(TypeError, match="takes 2 positional arguments but 3 were given"):
+        method(Q, None)
 
 
 def test_kernels_from_before_the_module(built: Build) -> None:

@@ -205,7 +205,7 @@ class CompiledCode(KernelMethods):
         """Let methods go through these calls, and through the extension module as soon as there is one."""
         self.calls, self.parameters = calls, calls.parameters
         self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = Functions(self._bound, calls)
+        self.functions = Functions(self._bound)
         self._binding.take(self._bound)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
