@@ -13,7 +13,7 @@ from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
 from .calls import Calls, SplitCalls
 from .direct import ExtensionBinding
-from .methods.bound import BoundFunctions
+from .methods.bound import DECLARED, BoundFunctions
 from .methods.functions import Functions
 from .methods.kernel_methods import KernelMethods
 from .parameters import Parameters
@@ -204,8 +204,10 @@ class CompiledCode(KernelMethods):
     def _take_calls(self, calls: Calls) -> None:
         """Let methods go through these calls, and through the extension module as soon as there is one."""
         self.calls, self.parameters = calls, calls.parameters
+        for name in vars(self).keys() & DECLARED.keys():  # functions of other calls
+            del vars(self)[name]
         self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = Functions(self._bound, calls)
+        self.functions = Functions(self._bound)
         self._binding.take(self._bound)
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:

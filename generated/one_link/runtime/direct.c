@@ -1,10 +1,10 @@
 /* Functions of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
- * Nothing here knows a robot.  A Function is the same for all kernels of a package: the function in Python, the roles
+ * Nothing here knows a robot.  A Function is the same for all kernels of a package: the names, roles
  * and shapes of its arguments, and, once they are armed, the addresses of its codes: its main one and that of wrenches,
  * each for one state and for many, each armed after a first call that needs it, which may have compiled it.  A State is
  * what may change of one kernel: its parameters, checks and threads.  A Direct is the function of one kernel: a
- * Function, a State, and what the function in Python takes first.
+ * Function, a State, and the function in Python, which takes the same arguments.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
  * exactly the shape of one state or of N of them, and no option asks for more than `out` and `wrench`.  Whatever is not
@@ -16,21 +16,21 @@
  * and NumPy's headers were. */
 #include "direct_types.h"
 
-PyDoc_STRVAR(bind_doc, "bind(function, owner, state)\n\n"
-                       "Return a callable that takes the arguments of a Function in their order.\n\n"
-                       "Arguments: a Function; what its function in Python takes first; the State of a kernel.");
+PyDoc_STRVAR(bind_doc, "bind(function, checked, state)\n\n"
+                       "Return a callable that takes the arguments of a Function, in their order or by their names.\n\n"
+                       "Arguments: a Function; the same in Python, for a kernel; the State of that.");
 
 static PyObject *bind(PyObject *module, PyObject *args)
 {
     const Types *types = PyModule_GetState(module);
-    PyObject *function, *owner, *state;
-    if (!PyArg_ParseTuple(args, "O!OO!:bind", types->function, &function, &owner, types->state, &state)) return NULL;
+    PyObject *function, *checked, *state;
+    if (!PyArg_ParseTuple(args, "O!OO!:bind", types->function, &function, &checked, types->state, &state)) return NULL;
     Direct *direct = (Direct *)types->direct->tp_alloc(types->direct, 0);
     if (direct == NULL) return NULL;
     direct->vectorcall = direct_vectorcall;
     Py_INCREF(function), direct->function = (Function *)function;
     Py_INCREF(state), direct->state = (State *)state;
-    Py_INCREF(owner), direct->owner = owner;
+    Py_INCREF(checked), direct->checked = checked;
     return (PyObject *)direct;
 }
 

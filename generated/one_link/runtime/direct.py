@@ -127,15 +127,16 @@ class Checked(Protocol):
         """Name of the function."""
 
     @property
-    def options(self) -> tuple[str, ...]:
-        """Names of the arguments behind the arrays."""
+    def labels(self) -> tuple[str, ...]:
+        """Names of its arguments, in their order."""
+
+    @property
+    def positional(self) -> int:
+        """How many of them may be given without their names."""
 
     @property
     def axes(self) -> int:
         """Axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array."""
-
-    def __call__(self, calls: Any, *args: Any) -> Any:
-        """Call it with a kernel's ``Calls``, the arrays and the options, in their order."""
 
 
 class DirectFunctions:
@@ -157,27 +158,25 @@ class DirectFunctions:
         self._arming = partial(_arm, raw, {}, itertools.count())
         self._made: dict[str, Any] = {}
 
-    def bound(self, checked: Checked, calls: Any) -> Callable[..., Any]:
-        """Return a function for a kernel's calls: plain ones go to the C, all others to the function in Python."""
+    def bound(self, checked: Checked, called: Callable[..., Any], state: State) -> Callable[..., Any]:
+        """Return a function of a kernel with that state: plain calls go to the C, all others to ``called``."""
         function = self._made.get(checked.name)
         if function is None:
             function = self._made.setdefault(checked.name, self._function(checked))
-        bound: Callable[..., Any] = self.module.bind(function, calls, calls.parameters.state)
+        bound: Callable[..., Any] = self.module.bind(function, called, state)
         return bound
 
     def _function(self, checked: Checked) -> Any:
         raw, function = self._raw, self._raw.functions[checked.name]
         has_loops = bool(raw.libraries.meta.get("constraints"))
-        read = tuple(("read", raw.shapes[label]) for label in function.reads)
-        options = tuple(self._role(x, function, has_loops) for x in checked.options)
         term = function.wrench
         into = function.reads.index(term.into) if term and term.into else -1
         return self.module.Function(
             name=checked.name,
-            checked=checked,
             arming=self._arming,
             dtype=raw.dtype,
-            places=(*read, *options),
+            places=tuple((x, *self._role(x, function, has_loops)) for x in checked.labels),
+            positional=checked.positional,
             result=raw.shapes[function.writes],
             in_parts=bool(checked.axes),
             cut_must_be_false=has_loops,
@@ -185,16 +184,18 @@ class DirectFunctions:
             added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def _role(self, option: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
-        """Return the role of an option and the shape of its array, as the module takes them."""
-        if option in ("frame", "out", "cut"):
-            return option, ()
+    def _role(self, label: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
+        """Return the role of an argument and the shape of its array, as the module takes them."""
+        if label in function.reads:
+            return "read", self._raw.shapes[label]
+        if label in ("frame", "out", "cut"):
+            return label, ()
         term, functions = function.wrench, self._raw.functions
-        if option != "wrench" or term is None or term.function not in functions or (function.loaded and has_loops):
+        if label != "wrench" or term is None or term.function not in functions or (function.loaded and has_loops):
             return "nothing", ()
         if term.into and self._raw.libraries.meta.get("inputs"):  # where forces stand elsewhere
             return "nothing", ()
-        return option, self._raw.shapes[option]
+        return label, self._raw.shapes[label]
 
 
 def _arm(

@@ -195,6 +195,22 @@ static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
     return h;
 }
 
+/* Arguments by place, NULL where there is none; -1 where there are too many, or a name is unknown or comes twice. */
+static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          PyObject **arguments)
+{
+    if (count > f->positional) return -1;
+    for (Py_ssize_t i = 0; i < count; ++i) arguments[i] = args[i];
+    const Py_ssize_t named = names == NULL ? 0 : PyTuple_GET_SIZE(names);
+    for (Py_ssize_t k = 0; k < named; ++k) {
+        int place = 0;
+        while (place < f->places && f->place[place].label != PyTuple_GET_ITEM(names, k)) ++place;
+        if (place == f->places || arguments[place] != NULL) return -1;
+        arguments[place] = args[count + k];
+    }
+    return 0;
+}
+
 /* A plain call: its arguments as the code takes them. */
 typedef struct {
     const void *x[ARRAYS]; /* the arrays that the code reads */
@@ -231,7 +247,8 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         const Place *place = &f->place[i];
         PyObject *value = arguments[i];
         if (place->role <= WRENCH) {
-            if (place->role != READ && value == Py_None) continue;
+            if (place->role != READ && (value == NULL || value == Py_None)) continue;
+            if (value == NULL) return -1;
             const npy_intp states = states_of(value, f, &place->shape);
             if (states < 0) return -1;
             if (states > 0) {
@@ -249,13 +266,13 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
             call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
             call->steps[to] = step_of(&place->shape, states);
         } else if (place->role == FRAME) {
-            if (!PyUnicode_CheckExact(value)) return -1;
+            if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
             if (number == NULL) return -1;
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
-            if (value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
-        } else if (value != Py_None) {
+            if (value != NULL && value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
+        } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
         }
@@ -414,11 +431,13 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
 
 /* The result of a plain call; NULL without an error where the function in Python has to be asked.  ``codes`` are then
  * those that the call would need, and NULL if it is not plain whatever is armed. */
-static PyObject *straight(Function *f, State *state, PyObject *const *arguments, Code **codes)
+static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          Code **codes)
 {
+    PyObject *arguments[PLACES] = {NULL};
     Plain call = {.states = 0};
     Beside beside;
-    const int is_plain = look(f, state, arguments, &call) == 0;
+    const int is_plain = sort_arguments(f, args, count, names, arguments) == 0 && look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
     if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
     PyObject *answer = NULL;
@@ -480,14 +499,9 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
     Code *codes[KINDS] = {NULL};
-    const Py_ssize_t count = PyVectorcall_NARGS(nargsf);
-    if (count != f->places || names != NULL)
-        return PyErr_Format(PyExc_TypeError, "%U: takes %d arguments in their order", f->name, f->places);
-    PyObject *answer = straight(f, direct->state, args, codes);
+    PyObject *answer = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
     if (answer != NULL || PyErr_Occurred()) return answer;
-    PyObject *all[PLACES + 1] = {direct->owner};
-    memcpy(all + 1, args, (size_t)count * sizeof *args);
-    answer = PyObject_Vectorcall(f->checked, all, (size_t)count + 1, NULL);
+    answer = PyObject_Vectorcall(direct->checked, args, nargsf, names);
     for (int kind = 0; kind < KINDS && answer != NULL; ++kind)
         if (codes[kind] != NULL && PUBLISHED(codes[kind]->address) == 0 && arm_once(f, (CodeKind)kind, codes[kind]) < 0)
             Py_CLEAR(answer);

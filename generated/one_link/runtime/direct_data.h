@@ -49,6 +49,7 @@ typedef struct {
 } Shape;
 
 typedef struct {
+    PyObject *label; /* interned: a keyword is it, not only equal to it */
     Role role;
     Shape shape;
 } Place;
@@ -75,12 +76,11 @@ typedef struct {
 
 typedef struct {
     PyObject_HEAD
-    PyObject *checked; /* the same in Python: takes the owner, then the arguments */
     PyObject *name;
     PyObject *arming; /* arming(function, kind, many) tells the address of a code after a first call of it */
     PyObject *frames; /* their numbers by name, a dict */
     PyArray_Descr *dtype;
-    int places;
+    int places, positional; /* of these the first may come without their names */
     Place place[PLACES];
     Shape result;
     int framed, in_parts; /* takes a frame's number; its result are views along the first axis */
@@ -107,7 +107,7 @@ typedef struct {
     vectorcallfunc vectorcall;
     Function *function;
     State *state;
-    PyObject *owner; /* what the function in Python takes first */
+    PyObject *checked; /* the same in Python, with all that a method shows */
 } Direct;
 
 typedef struct {

@@ -15,13 +15,45 @@ static PyObject *direct_takes_many(PyObject *self, void *closure)
     return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[MAIN][1].address) != 0);
 }
 
+/* All else that a method shows is that of the function in Python: its names, docstring and signature. */
+static PyObject *direct_getattro(PyObject *self, PyObject *name)
+{
+    const int is_module = PyUnicode_Check(name) && PyUnicode_CompareWithASCIIString(name, "__module__") == 0;
+    PyObject *attribute = is_module ? NULL : PyObject_GenericGetAttr(self, name); /* a type has a module of its own */
+    if (attribute != NULL || (!is_module && !PyErr_ExceptionMatches(PyExc_AttributeError))) return attribute;
+    PyErr_Clear();
+    return PyObject_GetAttr(((Direct *)self)->checked, name);
+}
+
+static PyObject *direct_doc(PyObject *self, void *closure)
+{
+    (void)closure;
+    return PyObject_GetAttrString(((Direct *)self)->checked, "__doc__");
+}
+
+static PyObject *direct_repr(PyObject *self) { return PyObject_Repr(((Direct *)self)->checked); }
+
+static PyObject *direct_reduce(PyObject *self, PyObject *unused)
+{
+    (void)unused;
+    return PyObject_CallMethod(((Direct *)self)->checked, "__reduce__", NULL);
+}
+
+/* Makes it a routine for `help`; as an attribute of a class it stays what it is, as a bound method does. */
+static PyObject *direct_get(PyObject *self, PyObject *object, PyObject *type)
+{
+    (void)object, (void)type;
+    Py_INCREF(self);
+    return self;
+}
+
 static int direct_traverse(PyObject *self, visitproc visit, void *arg)
 {
     Direct *direct = (Direct *)self;
     Py_VISIT(Py_TYPE(self));
     Py_VISIT(direct->function);
     Py_VISIT(direct->state);
-    Py_VISIT(direct->owner);
+    Py_VISIT(direct->checked);
     return 0;
 }
 
@@ -32,7 +64,7 @@ static void direct_dealloc(PyObject *self)
     PyObject_GC_UnTrack(self);
     Py_XDECREF(((Direct *)self)->function);
     Py_XDECREF(((Direct *)self)->state);
-    Py_XDECREF(((Direct *)self)->owner);
+    Py_XDECREF(((Direct *)self)->checked);
     type->tp_free(self);
     Py_DECREF(type);
 }
@@ -42,16 +74,25 @@ static PyMemberDef direct_members[] = {
     {NULL, 0, 0, 0, NULL},
 };
 static PyGetSetDef direct_getset[] = {
+    {"__doc__", direct_doc, NULL, NULL, NULL},
     {"is_armed", direct_is_armed, NULL, "whether plain calls with one state go to the code", NULL},
     {"takes_many", direct_takes_many, NULL, "whether plain calls with many states go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
+};
+static PyMethodDef direct_methods[] = {
+    {"__reduce__", direct_reduce, METH_NOARGS, NULL},
+    {NULL, NULL, 0, NULL},
 };
 static PyType_Slot direct_slots[] = {
     {Py_tp_call, PyVectorcall_Call},
     {Py_tp_dealloc, direct_dealloc},
     {Py_tp_traverse, direct_traverse},
+    {Py_tp_getattro, direct_getattro},
+    {Py_tp_repr, direct_repr},
+    {Py_tp_descr_get, direct_get},
     {Py_tp_members, direct_members},
     {Py_tp_getset, direct_getset},
+    {Py_tp_methods, direct_methods},
     {0, NULL},
 };
 static PyType_Spec direct_spec = {
@@ -84,9 +125,9 @@ static int read_shape(PyObject *lengths, Shape *shape)
 static int read_place(PyObject *entry, Place *place)
 {
     static const char *const names[] = {"read", "wrench", "frame", "out", "nothing", "cut"};
-    PyObject *lengths;
+    PyObject *label, *lengths;
     const char *role;
-    if (!PyArg_ParseTuple(entry, "sO:place", &role, &lengths) || read_shape(lengths, &place->shape) < 0)
+    if (!PyArg_ParseTuple(entry, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
         return -1;
     size_t role_number = 0;
     while (role_number < sizeof names / sizeof *names && strcmp(names[role_number], role) != 0) ++role_number;
@@ -95,6 +136,9 @@ static int read_place(PyObject *entry, Place *place)
         return -1;
     }
     place->role = (Role)role_number;
+    Py_INCREF(label);
+    PyUnicode_InternInPlace(&label);
+    place->label = label;
     return 0;
 }
 
@@ -150,12 +194,12 @@ static int read_added(Function *f, PyObject *entry)
 
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"name",     "checked",           "arming", "dtype", "places", "result",
-                            "in_parts", "cut_must_be_false", "frames", "added", NULL};
-    PyObject *name, *checked, *arming, *dtype, *places, *result, *frames, *added;
-    int in_parts, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!OppO!O!:Function", names, &name, &checked, &arming,
-                                     &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &result,
+    static char *names[] = {"name",     "arming",            "dtype",  "places", "positional", "result",
+                            "in_parts", "cut_must_be_false", "frames", "added",  NULL};
+    PyObject *name, *arming, *dtype, *places, *result, *frames, *added;
+    int positional, in_parts, cut;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOO!O!iOppO!O!:Function", names, &name, &arming,
+                                     &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
                                      &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
@@ -166,14 +210,14 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     Function *f = (Function *)type->tp_alloc(type, 0);
     if (f == NULL) return NULL;
     Py_INCREF(name), f->name = name;
-    Py_INCREF(checked), f->checked = checked;
     Py_INCREF(arming), f->arming = arming;
     Py_INCREF(frames), f->frames = frames;
     Py_INCREF(dtype), f->dtype = (PyArray_Descr *)dtype;
+    f->positional = positional;
     f->in_parts = in_parts;
     f->cut_must_be_false = cut;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
-    if (in_parts && f->result.axes < 1) {
+    if (positional > f->places || (in_parts && f->result.axes < 1)) {
         PyErr_SetString(PyExc_ValueError, "no function has such a result");
         goto failed;
     }
@@ -228,7 +272,6 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
 {
     Function *f = (Function *)self;
     Py_VISIT(Py_TYPE(self));
-    Py_VISIT(f->checked);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
     for (int kind = 0; kind < KINDS; ++kind)
@@ -241,7 +284,6 @@ static void function_dealloc(PyObject *self)
     Function *f = (Function *)self;
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
-    Py_XDECREF(f->checked);
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
@@ -249,6 +291,7 @@ static void function_dealloc(PyObject *self)
         for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[kind][many].library);
     PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
+    for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);
     Py_DECREF(type);
 }

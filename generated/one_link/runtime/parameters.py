@@ -207,7 +207,7 @@ class Parameters(MutableMapping[str, float]):
                 " allowed: parameters of kernels of eomgen.build and of generated packages, or dict(parameters)"
             )
         turned = [name for name, x in zip(self._raw.turning, self.state.values[len(self) :], strict=True) if x]
-        return parameters_of, (*self._again, dict(self), turned)
+        return _parameters_of, (*self._again, dict(self), turned)
 
     def turn(self, joints: Collection[str]) -> None:
         """Turn the coordinates of these joints with 3-DOF rotation, and those of no others.
@@ -354,15 +354,21 @@ class Parameters(MutableMapping[str, float]):
         )
 
 
-def parameters_of(
+def kernel_of(
     make: Callable[..., Any], args: tuple[Any, ...], values: Mapping[str, float], turned: Sequence[str]
-) -> Parameters:
-    """Make a kernel again and return its parameters, with the values and the turned joints of a pickle."""
-    made: Parameters = make(*args).parameters
-    changed = {name: value for name, value in values.items() if made[name] != value}
+) -> Any:
+    """Make a kernel again, whose parameters have the values and the turned joints of a pickle."""
+    kernel = make(*args)
+    changed = {name: value for name, value in values.items() if kernel.parameters[name] != value}
     if changed:
-        made.update(changed)
-    made.turn(turned)
+        kernel.parameters.update(changed)
+    kernel.parameters.turn(turned)
+    return kernel
+
+
+def _parameters_of(*pickled: Any) -> Parameters:
+    """Return the parameters of a kernel that is made again."""
+    made: Parameters = kernel_of(*pickled).parameters
     return made
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from types import ModuleType
-from typing import Any
+from functools import partial, update_wrapper
+from types import MethodType, ModuleType
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +16,51 @@ from ...names import nearest_or_all, show
 from ..arrays import flag, joint_lead
 from ..calls import TREE, Calls
 from ..direct import DirectFunctions
+from ..parameters import kernel_of
 from ..raw import Array, RawFunction, RawKernel
 from .wrenches import WrenchLike, wrench_rows
 
-FRAME, WRENCH, CUT, OUT = "frame", "wrench", "cut", "out"  # names of arguments
+FRAME, WRENCH, Z, CUT, OUT = "frame", "wrench", "z", "cut", "out"  # names of arguments
 PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose result is a tuple of arrays
+Declared = TypeVar("Declared", bound=Callable[..., Any])
+
+
+class KernelMethod:
+    """A method of a class: the function of its name in ``BoundFunctions``.
+
+    Those of the extension module become attributes of the object itself, so that the next call costs no look-up in
+    Python.  Signature and docstring are those of the function that it is made of, which does nothing.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        update_wrapper(self, function)
+        self.__func__ = function
+
+    def __get__(self, owner: Any, kind: type) -> Any:
+        if owner is None:
+            return self
+        name = self.__func__.__name__
+        bound = owner._bound[name]  # noqa: SLF001  (of the class that has the method)
+        if not isinstance(bound, CalledInPython) and getattr(type(owner), name) is self:  # not of a base class
+            vars(owner)[name] = bound
+        return bound
+
+    def __call__(self, owner: Any, *args: Any, **options: Any) -> Any:
+        """Call it as a function whose first argument is the kernel."""
+        return self.__get__(owner, type(owner))(*args, **options)
+
+
+DECLARED: dict[str, tuple[Callable[..., Any], str]] = {}  # functions that methods are made of, and their ``otherwise``
+
+
+def kernel_method(otherwise: str = "") -> Callable[[Declared], Declared]:
+    """Return the decorator of methods that call a function of C; ``otherwise`` as of ``CheckedFunction``."""
+
+    def declare(function: Declared) -> Declared:
+        DECLARED[function.__name__] = function, otherwise
+        return cast("Declared", KernelMethod(function))
+
+    return declare
 
 
 @dataclass(frozen=True)
@@ -29,39 +69,102 @@ class CheckedFunction:
 
     Attributes:
         name: the function's.
-        reads: number of the arrays that it reads.
-        options: names of the arguments behind them.
+        labels: names of its arguments, arrays and options, in their order.
+        positional: how many of them may be given without their names.
         axes: axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array.
+        declared: of a method the function with its signature and docstring, which does nothing.
+        otherwise: the argument that is the result where no drive has internal states.
     """
 
     name: str
-    reads: int
-    options: tuple[str, ...]
+    labels: tuple[str, ...]
+    positional: int
     axes: int
+    declared: Callable[..., Any] | None = None
+    otherwise: str = ""
 
     @classmethod
     def of(cls, raw: RawKernel, name: str) -> CheckedFunction:
-        """Return the function of that name, which may be there for the open tree alone.
+        """Return the function of that name, which may be there for the open tree alone; a method may have none.
 
         Raises:
-            UnknownNameError: the kernel was built without it.
+            UnknownNameError: the kernel was built without it, and no method has its name.
         """
-        function = raw.functions.get(name) or raw.functions.get(f"{TREE}{name}")
+        function = _function(raw, name)
+        in_parts = function is not None and not {function.kind, function.writes}.isdisjoint(PARTS)
+        axes = len(raw.shapes[function.writes]) if function is not None and in_parts else 0
+        if name in DECLARED:
+            declared, otherwise = DECLARED[name]
+            code = declared.__code__
+            labels = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+            return cls(name, labels, code.co_argcount - 1, axes, declared, otherwise)
         if function is None:
             raise raw.missing(name)
-        options = (*function.takes, CUT, OUT) if name not in raw.functions else options_of(function)
-        in_parts = not {function.kind, function.writes}.isdisjoint(PARTS)
-        return cls(name, len(function.reads), options, len(raw.shapes[function.writes]) * in_parts)
+        options = (*((FRAME,) if function.is_framed else ()), *function.takes)
+        labels = (*function.reads, *options, *((CUT,) if name not in raw.functions else ()), OUT)
+        return cls(name, labels, len(labels), axes)
 
-    def __call__(self, calls: Calls, *args: Any) -> Any:
-        """Call it with the arrays and then the options, in their order."""
-        options = dict(zip(self.options, args[self.reads :], strict=False))
-        result = evaluate(calls, self.name, args[: self.reads], **options)
+    def __call__(self, calls: Calls, /, *args: Any, **options: Any) -> Any:
+        """Call it with a kernel's ``Calls``, arrays and options."""
+        if self.declared is not None:
+            self.declared(calls, *args, **options)  # raises the TypeError of a wrong call
+        given = dict(zip(self.labels, args, strict=False)) | options
+        function = _function(calls.raw, self.name)
+        if self.otherwise and not calls.arrays.has_drives:
+            return _argument(calls, self.otherwise, given)
+        if function is None:
+            raise calls.raw.missing(self.name)
+        result = evaluate(calls, self.name, [given.pop(x) for x in function.reads], **given)
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
+def _function(raw: RawKernel, name: str) -> RawFunction | None:
+    """Return the function of that name, which may be there for the open tree alone; None where there is none."""
+    return raw.functions.get(name) or raw.functions.get(f"{TREE}{name}")
+
+
+class CalledInPython(partial[Any]):
+    """A ``CheckedFunction`` for a kernel's calls; it shows what the kernel's method of its name shows."""
+
+    def __init__(self, checked: CheckedFunction, calls: Calls) -> None:
+        self.checked = checked
+        if checked.declared is not None:
+            update_wrapper(self, MethodType(checked.declared, calls))
+
+    def __repr__(self) -> str:
+        return f"<{self.checked.name} of {self.args[0].raw.name}>"
+
+    def __get__(self, instance: Any, owner: type | None = None) -> CalledInPython:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        calls: Calls = self.args[0]
+        _, made = calls.parameters.__reduce__()
+        return _method_again, (self.checked.name, calls.augmented is calls, calls.threads, calls.checks, made)
+
+
+def _method_again(name: str, is_augmented: bool, threads: int, checks: bool, made: tuple[Any, ...]) -> Any:
+    """Return a method of a kernel that is made again, of one that was pickled."""
+    kernel = kernel_of(*made)
+    kernel.threads, kernel.checks = threads, checks
+    kernel = kernel.augmented if is_augmented else kernel
+    return getattr(kernel if hasattr(type(kernel), name) else kernel.functions, name)
+
+
+def _argument(calls: Calls, name: str, given: Mapping[str, Any]) -> Array:
+    """Return an argument by coordinate as a function would that reads all that are given, which are checked."""
+    lead: tuple[int, ...] = ()
+    arrays = {}
+    for label in (x for x in given if x not in (Z, OUT)):
+        joined = calls.join(label, given[label], given.get(Z) if label == "v" else None)
+        arrays[label], own = calls.augmented.array(label, joined, (calls.augmented.n,))
+        lead = joint_lead(label, own, lead)
+    found = calls.split(np.array(np.broadcast_to(arrays[name], (*lead, calls.augmented.n))), "vector")
+    return calls.arrays.written(found, given.get(OUT))
+
+
 class BoundFunctions:
-    """Functions as attributes and by their names, which take arrays and options in their order.
+    """Functions as attributes and by their names.
 
     Each is made when it is first looked up; from then on it is an attribute like others.
 
@@ -78,9 +181,9 @@ class BoundFunctions:
         if name.startswith("__"):  # as copy and pickle ask for
             raise AttributeError(name)
         checked = CheckedFunction.of(self.calls.raw, name)
-        bound: Callable[..., Array] = partial(checked, self.calls)
+        bound: Callable[..., Array] = CalledInPython(checked, self.calls)
         if self.direct is not None and self.is_direct and name in self.calls.raw.functions:
-            bound = self.direct.bound(checked, self.calls)
+            bound = self.direct.bound(checked, bound, self.calls.parameters.state)
         setattr(self, name, bound)
         return bound
 
@@ -100,11 +203,6 @@ class BoundFunctions:
         self.is_direct = True
         for name in self.calls.raw.functions:
             vars(self).pop(name, None)
-
-
-def options_of(function: RawFunction) -> tuple[str, ...]:
-    """Return the names of the arguments behind the arrays of a function's method, in their order."""
-    return (*((FRAME,) if function.is_framed else ()), *function.takes, OUT)
 
 
 def evaluate(

@@ -3,12 +3,14 @@
 Docstrings may be edited here: but for arguments they are kept.
 """
 
+# mypy: disable-error-code="empty-body"
+
 from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
 from ..raw import Array
-from .bound import BoundFunctions
+from .bound import BoundFunctions, kernel_method
 from .wrenches import WrenchLike
 
 
@@ -17,17 +19,18 @@ class KernelMethods:
 
     _bound: BoundFunctions
 
+    @kernel_method()
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the mass matrix M(q), (n, n), symmetric; eq. (11); kg, kg m or kg m^2 by its coordinates."""
-        return self._bound.mass_matrix(q, out)
 
+    @kernel_method()
     def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return Coriolis and centrifugal terms without gravity, (n,), N or N m: sum_vw C^svw v w of eq. (12).
 
         ``nonlinear_effects`` has gravity in it, as what MuJoCo and Featherstone call bias has.
         """
-        return self._bound.bias_force(q, v, out)
 
+    @kernel_method()
     def generalized_force(
         self,
         q: ArrayLike,
@@ -45,8 +48,8 @@ class KernelMethods:
             z: internal states of force laws, (m,), where there are some.
             out: array to write to.
         """
-        return self._bound.generalized_force(q, v, wrench, z, out)
 
+    @kernel_method()
     def residual(
         self,
         q: ArrayLike,
@@ -66,8 +69,8 @@ class KernelMethods:
             z: internal states of force laws, (m,), where there are some.
             out: array to write to.
         """
-        return self._bound.residual(q, v, a, u, wrench, z, out)
 
+    @kernel_method()
     def inverse_dynamics(
         self,
         q: ArrayLike,
@@ -96,8 +99,8 @@ class KernelMethods:
                 rad (per second and the largest rate; per second squared and the largest acceleration); or these drives
                 cannot make the motion.
         """
-        return self._bound.inverse_dynamics(q, v, a, wrench, z, cut, out)
 
+    @kernel_method()
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -126,16 +129,16 @@ class KernelMethods:
             LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
                 largest rate).
         """
-        return self._bound.forward_dynamics(q, v, u, wrench, z, cut, out)
 
+    @kernel_method()
     def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the Coriolis matrix C(q, v), (n, n), by Christoffel symbols: C v = bias, M_dot = C + C^T."""
-        return self._bound.coriolis_matrix(q, v, out)
 
+    @kernel_method()
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two."""
-        return self._bound.christoffel(q, out)
 
+    @kernel_method()
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """Return A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
 
@@ -147,8 +150,8 @@ class KernelMethods:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        return self._bound.frame_pose(q, frame, out)
 
+    @kernel_method()
     def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """Return a frame's Jacobian, (6, n), in the base frame: its origin's velocity, then angular velocity, per rate.
 
@@ -160,37 +163,37 @@ class KernelMethods:
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        return self._bound.frame_jacobian(q, frame, out)
 
+    @kernel_method()
     def gravity(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return forces g(q) that hold the links' weight, (n,), N or N m, on the side of M a: tau = M a + C v + g.
 
         They come of the masses alone; springs and dampers are in ``generalized_force``.  Of a robot with loops: of its
         open tree.
         """
-        return self._bound.gravity(q, out)
 
+    @kernel_method()
     def nonlinear_effects(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return C v + g, (n,), N or N m: ``bias_force`` and ``gravity`` together, which other libraries call the bias.
 
         Springs and dampers are in ``generalized_force``.  Of a robot with loops: of its open tree.
         """
-        return self._bound.nonlinear_effects(q, v, out)
 
+    @kernel_method()
     def center_of_mass(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the center of mass of the links that move, (3,), m, in the base frame.
 
         Links that are fixed to the base do not count.
         """
-        return self._bound.center_of_mass(q, out)
 
+    @kernel_method()
     def centroidal_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the momentum of moving links, (6,), base frame: linear (kg m/s), angular about the center (kg m^2/s).
 
         Rotors of motors (``armature``) are not in it: a description does not say about which axes they turn.
         """
-        return self._bound.centroidal_momentum(q, v, out)
 
+    @kernel_method()
     def energy(self, q: ArrayLike, v: ArrayLike, *, z: ArrayLike | None = None, out: Array | None = None) -> Array:
         """Return (kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin), springs, states z.
 
@@ -199,8 +202,8 @@ class KernelMethods:
             z: internal states of force laws, (m,), where there are some.
             out: array to write to.
         """
-        return self._bound.energy(q, v, z, out)
 
+    @kernel_method()
     def reactions(
         self,
         q: ArrayLike,
@@ -229,8 +232,8 @@ class KernelMethods:
         Raises:
             LoopError: as of ``inverse_dynamics``.
         """
-        return self._bound.reactions(q, v, a, wrench, z, cut, out)
 
+    @kernel_method()
     def loop_reactions(
         self,
         q: ArrayLike,
@@ -257,7 +260,6 @@ class KernelMethods:
             LoopError: as of ``inverse_dynamics``.
             UnknownNameError: the robot has no loops.
         """
-        return self._bound.loop_reactions(q, v, a, wrench, z, out)
 
 
 class KernelFunctions:
@@ -265,6 +267,7 @@ class KernelFunctions:
 
     _bound: BoundFunctions
 
+    @kernel_method()
     def external_force(self, q: ArrayLike, wrench: WrenchLike, *, out: Array | None = None) -> Array:
         """Return Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches in the base frame.
 
@@ -273,38 +276,38 @@ class KernelFunctions:
             wrench: external wrenches, (links, 6), or by name; see ``Kernel``.
             out: array to write to.
         """
-        return self._bound.external_force(q, wrench, out)
 
+    @kernel_method()
     def frame_velocities(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return velocities of frames, (frames, 6), in the base frame: of the origin (m/s), then angular (rad/s)."""
-        return self._bound.frame_velocities(q, v, out)
 
+    @kernel_method()
     def frame_accelerations(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
         """Return accelerations of frames, (frames, 6), in the base frame: of origins (m/s^2), then angular (rad/s^2).
 
         Gravity is not in it: a frame at rest has none.
         """
-        return self._bound.frame_accelerations(q, v, a, out)
 
+    @kernel_method()
     def imu(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
         """Return what IMUs on all frames read, (frames, 6), each in its frame's axes.
 
         Of its accelerometer the specific force R^T (a - g), m/s^2, of its gyroscope the angular rate R^T w, rad/s: at
         rest it reads the acceleration that holds it against gravity.
         """
-        return self._bound.imu(q, v, a, out)
 
+    @kernel_method()
     def measurement(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
         """Return readings of the robot's sensors, (readings,), in the order of ``eomgen.control.Measurement.names``."""
-        return self._bound.measurement(q, v, a, out)
 
+    @kernel_method()
     def generalized_momentum(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the generalized momentum p = M v and, below it, C^T v = dT/dq, (2, n).
 
         On a motion p' = u + C^T v + generalized_force(q, v) + external forces, which a momentum observer finds so.
         """
-        return self._bound.generalized_momentum(q, v, out)
 
+    @kernel_method()
     def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
         """Return Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
 
@@ -316,32 +319,32 @@ class KernelFunctions:
         Of a link that bends they are those of the link while nothing bends; what its modes need beside that is in no
         column.  A node of it has ten of its own: of what is fixed there, such as "arm_tip.m".
         """
-        return self._bound.regressor(q, v, a, out)
 
+    @kernel_method()
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the cosine of beta of each joint with three angles, (joints,); 1 for other joints.
 
         At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
         accelerations of alpha and gamma lose as many digits as the cosine has zeros.
         """
-        return self._bound.euler_cosines(q, out)
 
+    @kernel_method()
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return g(q), (constraints,): zero where the loops are closed.
 
         Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
         turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
         """
-        return self._bound.constraint(q, out)
 
+    @kernel_method()
     def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return J = dg/dq, (constraints, n), exact; J v is the rate of g."""
-        return self._bound.constraint_jacobian(q, out)
 
+    @kernel_method()
     def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
-        return self._bound.constraint_bias(q, v, out)
 
+    @kernel_method()
     def coupling_forces(
         self,
         q: ArrayLike,
@@ -365,56 +368,74 @@ class KernelFunctions:
         Raises:
             UnknownNameError: no rigid coupling makes followers of coordinates.
         """
-        return self._bound.coupling_forces(q, v, a, wrench, z, out)
 
+    @kernel_method()
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
-        return self._bound.cut_poses(q, out)
 
+    @kernel_method()
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return length (m) and tension (N) of every point-to-point spring, (springs, 2), in the order of ``springs``.
 
         Tension is positive where the spring pulls its points together; dampers are in it.
         """
-        return self._bound.spring_forces(q, v, out)
 
+    @kernel_method()
     def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
 
         The springs' generalized force is minus its transpose times the tensions.
         """
-        return self._bound.spring_jacobian(q, out)
 
+    @kernel_method()
     def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
 
         The deviation is that of the cut joint's coordinate (of the frame on its second link as seen from the first)
         from its offset, or of a coupled coordinate from what it is coupled to; dampers and friction are in the force.
         """
-        return self._bound.cut_forces(q, v, out)
 
+    @kernel_method()
     def cut_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
 
         The generalized force is minus its transpose times the resisting forces.
         """
-        return self._bound.cut_jacobian(q, out)
 
+    @kernel_method()
     def element_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the value (m, rad) and resisting force (N, N m) of each of ``element_rows``, (element_rows, 2).
 
         The value is that of a coordinate of the frame on the second link as seen from that on the first; dampers are
         in the force.
         """
-        return self._bound.element_forces(q, v, out)
 
+    @kernel_method()
     def element_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return derivatives of the values in ``element_forces`` by q, (element_rows, n), in their units per m or rad.
 
         The elements' generalized force is minus its transpose times the resisting forces.
         """
-        return self._bound.element_jacobian(q, out)
 
+    @kernel_method("u")
+    def drive_forces(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        z: ArrayLike | None = None,
+        *,
+        out: Array | None = None,
+    ) -> Array:
+        """Return the forces of all drives on coordinates, (n,), N or N m, where u means what ``inputs`` says.
+
+        Args:
+            q, v, u: (n,).
+            z: internal states of force laws, (m,), where there are some.
+            out: array to write to.
+        """
+
+    @kernel_method()
     def drive_jacobian(
         self,
         q: ArrayLike,
@@ -431,12 +452,11 @@ class KernelFunctions:
             z: internal states of force laws, (m,), where there are some.
             out: array to write to.
         """
-        return tuple(self._bound.drive_jacobian(q, v, u, z, out))
 
+    @kernel_method()
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Return an upper bound of the springs' stiffness matrix, (n, n), N/m, N or N m/rad; positive semidefinite.
 
         The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
         moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
         """
-        return self._bound.spring_stiffness(q, out)

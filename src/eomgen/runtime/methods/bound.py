@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, update_wrapper
-from operator import attrgetter
 from types import MethodType, ModuleType
 from typing import Any, TypeVar, cast
 
@@ -26,20 +25,29 @@ PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose resul
 Declared = TypeVar("Declared", bound=Callable[..., Any])
 
 
-class KernelMethod(property):
-    """A method of a class: of a kernel it is the function of its name in ``BoundFunctions``, without a call in Python.
+class KernelMethod:
+    """A method of a class: the function of its name in ``BoundFunctions``.
 
-    Signature and docstring are those of the function that it is made of, which does nothing.
+    Those of the extension module become attributes of the object itself, so that the next call costs no look-up in
+    Python.  Signature and docstring are those of the function that it is made of, which does nothing.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(attrgetter(f"_bound.{function.__name__}"))
         update_wrapper(self, function)
         self.__func__ = function
 
-    def __call__(self, kernel: Any, *args: Any, **options: Any) -> Any:
+    def __get__(self, owner: Any, kind: type) -> Any:
+        if owner is None:
+            return self
+        name = self.__func__.__name__
+        bound = owner._bound[name]  # noqa: SLF001  (of the class that has the method)
+        if not isinstance(bound, CalledInPython) and getattr(type(owner), name) is self:  # not of a base class
+            vars(owner)[name] = bound
+        return bound
+
+    def __call__(self, owner: Any, *args: Any, **options: Any) -> Any:
         """Call it as a function whose first argument is the kernel."""
-        return self.__get__(kernel)(*args, **options)
+        return self.__get__(owner, type(owner))(*args, **options)
 
 
 DECLARED: dict[str, tuple[Callable[..., Any], str]] = {}  # functions that methods are made of, and their ``otherwise``
