@@ -1,7 +1,8 @@
 /* Two masses and a force with a state z of its own, which stands behind both velocities: m a = u + f(q, v, z), z' = g(q, v, z, u).
  *
  * POSITIONS: 2, or 3 with a number behind the coordinates that acts on nothing.  INPUTS: 2, or 3 with a force beside a drive.
- * DRIVEN: z follows the input of a drive on the second mass.  PRESCRIBED: the first mass moves as a wave.  The equations are
+ * DRIVEN: z follows the input of a drive on the second mass.  PRESCRIBED: the first mass moves as a wave.  CLOSED: both move
+ * together, x = y + sin(y) / 10, which steps keep to.  The equations are
  * written once, on complex numbers, which give tangents, and these adjoints.  Lanes call them state by state. */
 #include <complex.h>
 #include <math.h>
@@ -15,13 +16,23 @@
 typedef double complex number;
 
 enum { MASS, SPRING = 2, COUPLING = 4, DAMPING, SHARE = 7, TIME, NUMBERS };
-enum { NQ = POSITIONS, NV = 3, NU = INPUTS, NX = NQ + NV, SLOPES = 15, FACTORS = SLOPES + 2, PAIRS = SLOPES + 4, WRENCH = 6 };
-enum { DYNAMICS, IMPLICIT, STAGE_FACTORS, STAGE_SOLUTION, PAIR_FACTORS, PAIR_SOLUTION, WHATS };
+enum { NQ = POSITIONS, NV = 3, NU = INPUTS, NX = NQ + NV, SLOPES = 16, FACTORS = SLOPES + 2, PAIRS = SLOPES + 4, WRENCH = 6 };
+enum { DYNAMICS, IMPLICIT, STAGE_FACTORS, STAGE_SOLUTION, PAIR_FACTORS, PAIR_SOLUTION, SETTLING, WHATS };
 enum { SAMPLES = 8, STATES = 3, STEPS = 12, DIRECTIONS = 2, MOST = 64 };
 
 /* Numbers of the arguments of each function, in their order, but for h, which is the last one, and times; and of its results. */
-static const int sizes_of[WHATS][4] = { { NQ, NV, NU }, { NQ, NV, NU, NU }, { NQ, NV, NU, NU }, { FACTORS, NV, NQ }, { NQ, NV, NU, NU }, { PAIRS, 2 * NV, 2 * NQ } };
-static const int results[WHATS] = { NV, NV, FACTORS, NV, PAIRS, 2 * NV };
+static const int sizes_of[WHATS][4] = { { NQ, NV, NU }, { NQ, NV, NU, NU }, { NQ, NV, NU, NU }, { FACTORS, NV, NQ }, { NQ, NV, NU, NU }, { PAIRS, 2 * NV, 2 * NQ }, { NQ, NV } };
+static const int results[WHATS] = { NV, NV, FACTORS, NV, PAIRS, 2 * NV, NX + CLOSED };
+
+/* Let x satisfy x[0] + slope x[1] + rest = 0 by forces of the constraint. */
+static void close(const number *h, number slope, number rest, number *x)
+{
+    const number force = CLOSED ? (x[0] + slope * x[1] + rest) / (1.0 / h[MASS] + slope * slope / h[MASS + 1]) : 0.0;
+    x[0] -= force / h[MASS];
+    x[1] -= force * slope / h[MASS + 1];
+}
+
+static number slope_at(const number *q) { return -1.0 - 0.1 * ccos(q[1]); }
 
 /* Rates, and their slopes by both coordinates, (3, 2), and by v, (3, 3), where inputs have gains kp and kd. */
 static void rates(const number *h, const number *q, const number *v, const number *u, number *a)
@@ -54,12 +65,14 @@ static void slopes(const number *h, const number *q, const number *v, const numb
         by_v[8] = -(1.0 + 3.0 * v[2] * v[2]) / h[TIME];
     }
     for (int i = 0; PRESCRIBED && (i < 3); ++i) by_v[i] = by[i % 2] = 0.0;
+    by[SLOPES - 1] = slope_at(q);
 }
 
-/* Solve (1 - time by_v - time^2 by_q + added) x = right + time by_q shifts. */
-static void solve(const number *by, number time, number square, const number *added, const number *right, const number *shifts, number *x)
+/* Solve (1 - time by_v - time^2 by_q + added) x = right + time by_q shifts, with forces of the constraint. */
+static void solve(const number *h, const number *by, number time, number square, const number *added, const number *right, const number *shifts, number *x)
 {
-    number W[9];
+    const number slope = by[SLOPES - 1];
+    number W[9], pushed[3] = { 1.0 / h[MASS], slope / h[MASS + 1], 0.0 };
     for (int i = 0; i < 3; ++i) {
         x[i] = right[i] + time * (by[2 * i] * shifts[0] + by[2 * i + 1] * shifts[1]);
         for (int j = 0; j < 3; ++j) W[3 * i + j] = ((i == j) ? 1.0 : 0.0) - time * by[6 + 3 * i + j] - ((j < 2) ? square * by[2 * i + j] : 0.0) + added[3 * i + j];
@@ -68,10 +81,12 @@ static void solve(const number *by, number time, number square, const number *ad
         for (int i = 0; i < 3; ++i) {
             const number factor = W[3 * i + p] / W[4 * p];
             for (int j = p; (i != p) && (j < 3); ++j) W[3 * i + j] -= factor * W[3 * p + j];
-            if (i != p) x[i] -= factor * x[p];
+            if (i != p) { x[i] -= factor * x[p]; pushed[i] -= factor * pushed[p]; }
         }
     }
-    for (int i = 0; i < 3; ++i) x[i] /= W[4 * i];
+    for (int i = 0; i < 3; ++i) { x[i] /= W[4 * i]; pushed[i] /= W[4 * i]; }
+    const number force = CLOSED ? (x[0] + slope * x[1]) / (pushed[0] + slope * pushed[1]) : 0.0;
+    for (int i = 0; i < 3; ++i) x[i] -= force * pushed[i];
 }
 
 /* Evaluate a function, all of its arguments one behind the other. */
@@ -82,24 +97,33 @@ static void evaluate(int what, const double *times, const number *x, number *out
     const number *const second = &x[size[0]], *const third = &second[size[1]], *const fourth = &third[size[2]], *const h = &fourth[size[3]];
     if (what == DYNAMICS) {
         rates(h, x, second, third, out);
+        close(h, slope_at(x), 0.1 * csin(x[1]) * second[1] * second[1], out);
     } else if (what == IMPLICIT) {
         number by[SLOPES], right[3], added[9] = { 0.0 };
         slopes(h, x, second, none, none, by);
         rates(h, x, second, third, right);
         added[0] = PRESCRIBED ? 0.0 : fourth[0] / h[MASS];
         added[DRIVEN ? 7 : 4] = DRIVEN ? fourth[1] / h[TIME] : fourth[1] / h[MASS + 1];
-        solve(by, times[0], times[1], added, right, second, out);
+        solve(h, by, times[0], times[1], added, right, second, out);
     } else if ((what == STAGE_FACTORS) || (what == PAIR_FACTORS)) {
         slopes(h, x, second, third, fourth, out);
         for (int i = SLOPES; i < results[what]; ++i) out[i] = times[i - SLOPES];
     } else if (what == STAGE_SOLUTION) {
-        solve(x, x[SLOPES], x[SLOPES + 1], none, second, third, out);
+        solve(h, x, x[SLOPES], x[SLOPES + 1], none, second, third, out);
         for (int i = 0; i < 3; ++i) out[i] -= second[i];
+    } else if (what == SETTLING) {
+        number change[2] = { 0.0, 0.0 }, speed[2] = { second[0], second[1] };
+        const number violated = x[0] - x[1] - 0.1 * csin(x[1]);
+        close(h, slope_at(x), violated, change);
+        close(h, slope_at(x), 0.0, speed);
+        for (int i = 0; i < results[what]; ++i) out[i] = 0.0;
+        for (int i = 0; i < 2; ++i) { out[i] = change[i]; out[NQ + i] = speed[i] - second[i]; }
+        out[NX] = violated;
     } else {
         number right[3], shifts[2], w[3];
         for (int i = 0; i < 3; ++i) right[i] = second[i] + I * second[NV + i];
         for (int i = 0; i < 2; ++i) shifts[i] = third[i] + I * third[NQ + i];
-        solve(x, x[SLOPES] + I * x[SLOPES + 2], x[SLOPES + 1] + I * x[SLOPES + 3], none, right, shifts, w);
+        solve(h, x, x[SLOPES] + I * x[SLOPES + 2], x[SLOPES + 1] + I * x[SLOPES + 3], none, right, shifts, w);
         for (int i = 0; i < 3; ++i) { out[i] = creal(w[i] - right[i]); out[NV + i] = cimag(w[i] - right[i]); }
     }
 }
@@ -172,6 +196,7 @@ static int call_lanes(int what, const lanes *h, const lanes *times, const lanes 
     static int implicit_step##name(const real *h, const real *q, const real *v, const real *u, const real *added, const real *times, real *a) { const real *const x[4] = { q, v, u, added }; return call##name(IMPLICIT, h, times, x, a); } \
     static int stage_factors##name(const real *h, const real *q, const real *v, const real *kp, const real *kd, const real *times, real *f) { const real *const x[4] = { q, v, kp, kd }; return call##name(STAGE_FACTORS, h, times, x, f); } \
     static int stage_solution##name(const real *h, const real *f, const real *right, const real *shifts, real *w) { const real *const x[4] = { f, right, shifts }; return call##name(STAGE_SOLUTION, h, NULL, x, w); } \
+    static int settling##name(const real *h, const real *q, const real *v, real *change) { const real *const x[4] = { q, v }; return call##name(SETTLING, h, NULL, x, change); } \
     static int pair_factors##name(const real *h, const real *q, const real *v, const real *kp, const real *kd, const real *times, const real *spans, real *f) { const real *const x[4] = { q, v, kp, kd }; (void)spans; return call##name(PAIR_FACTORS, h, times, x, f); } \
     static int pair_solution##name(const real *h, const real *f, const real *right, const real *shifts, real *w) { const real *const x[4] = { f, right, shifts }; return call##name(PAIR_SOLUTION, h, NULL, x, w); }
 FUNCTIONS(double, )
@@ -185,6 +210,9 @@ static int forward_dynamics_tangent(X h, X q, X v, X u, X dq, X dv, X du, X dp, 
 static int implicit_step_tangent(X h, X q, X v, X u, X added, X times, X dq, X dv, X du, X dp, double *out) { const double none[NU] = { 0.0 }; ARRAYS(q, v, u, added); ALONG(dq, dv, du, none); return tangent(IMPLICIT, h, times, arrays, along, dp, out); }
 static int stage_factors_tangent(X h, X q, X v, X kp, X kd, X times, X dq, X dv, X dp, double *out) { const double none[NU] = { 0.0 }; ARRAYS(q, v, kp, kd); ALONG(dq, dv, none, none); return tangent(STAGE_FACTORS, h, times, arrays, along, dp, out); }
 static int stage_solution_tangent(X h, X f, X right, X shifts, X df, X dright, X dshifts, X dp, double *out) { ARRAYS(f, right, shifts); ALONG(df, dright, dshifts); return tangent(STAGE_SOLUTION, h, NULL, arrays, along, dp, out); }
+
+static int settling_adjoint(X h, X q, X v, X weights, double *out) { ARRAYS(q, v); return adjoint(SETTLING, h, NULL, arrays, weights, out); }
+static int settling_tangent(X h, X q, X v, X dq, X dv, X dp, double *out) { ARRAYS(q, v); ALONG(dq, dv); return tangent(SETTLING, h, NULL, arrays, along, dp, out); }
 
 /* What an energy balance asks for: forces without inputs, those of drives, and those that a motion needs; the state stores z^2 / 2. */
 static int generalized_force(X h, X q, X v, double *out)
@@ -246,18 +274,18 @@ static int force_parameter_tangent(X h, X q, X wrench, X dp, double *out)
 
 static const int beside[3] = { 0, 2, 2 }, is_prescribed[3] = { 1, 0, 0 }, places[2] = { 0, 1 };
 static const eom_sizes sizes = {
-    .positions = NQ, .rates = NV, .inputs = NU, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .pair_factors = PAIRS, .wrench = WRENCH,
+    .positions = NQ, .rates = NV, .inputs = NU, .m = CLOSED, .has_redundant_rows = CLOSED, .closed_gap = 1e-13, .open_gap = 1e-9, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .pair_factors = PAIRS, .wrench = WRENCH,
     .coordinates = 2, .beside = DRIVEN ? beside : NULL, .is_prescribed = PRESCRIBED ? is_prescribed : NULL,
 };
-static const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL, pair_factors, pair_solution };
-static const eom_robot_lanes robot_lanes = { &sizes, forward_dynamics_lanes, implicit_step_lanes, stage_factors_lanes, stage_solution_lanes, NULL, pair_factors_lanes, pair_solution_lanes };
+static const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, settling, pair_factors, pair_solution };
+static const eom_robot_lanes robot_lanes = { &sizes, forward_dynamics_lanes, implicit_step_lanes, stage_factors_lanes, stage_solution_lanes, settling_lanes, pair_factors_lanes, pair_solution_lanes };
 static const eom_robot_derivatives derivatives = {
-    &robot, 0, forward_dynamics_adjoint, implicit_step_adjoint, stage_factors_adjoint, stage_solution_adjoint, NULL,
-    forward_dynamics_tangent, implicit_step_tangent, stage_factors_tangent, stage_solution_tangent, NULL,
+    &robot, 0, forward_dynamics_adjoint, implicit_step_adjoint, stage_factors_adjoint, stage_solution_adjoint, settling_adjoint,
+    forward_dynamics_tangent, implicit_step_tangent, stage_factors_tangent, stage_solution_tangent, settling_tangent,
 };
 
-enum { ROOM = EOM_STATE_ROOM(3, 0, NUMBERS, FACTORS, WRENCH, NUMBERS, 0) + EOM_RADAU_ROOM(3, 0, FACTORS, PAIRS), INPUT = EOM_INPUT_ROOM(3, LANES, 0), INDEX = EOM_INDEX_ROOM(3, LANES, 0) };
-enum { SLOPE_ROOM = EOM_SENSITIVITY_ROOM(3, 0, NUMBERS, FACTORS, WRENCH, NUMBERS, 0), SLOPE_INPUT = EOM_SENSITIVITY_INPUT_ROOM(3) };
+enum { ROOM = EOM_STATE_ROOM(3, CLOSED, NUMBERS, FACTORS, WRENCH, NUMBERS, 0) + EOM_RADAU_ROOM(3, CLOSED, FACTORS, PAIRS), INPUT = EOM_INPUT_ROOM(3, LANES, 0), INDEX = EOM_INDEX_ROOM(3, LANES, 0) };
+enum { SLOPE_ROOM = EOM_SENSITIVITY_ROOM(3, CLOSED, NUMBERS, FACTORS, WRENCH, NUMBERS, 0), SLOPE_INPUT = EOM_SENSITIVITY_INPUT_ROOM(3) };
 
 static const double h[NUMBERS] = { 1.5, 0.8, 20.0, 12.0, 6.0, 0.2, 0.1, 3.0, 0.05 };
 static const double kp[3] = { 4.0, 6.0, 0.0 }, kd[3] = { 0.3, 0.5, 0.0 }, effort[3] = { 2.5, 3.0, HUGE_VAL }, target[3] = { 0.3, -0.2, 0.0 }, pull[3] = { 0.7, -0.4, 0.0 };
@@ -277,6 +305,10 @@ static void begin(void)
         memcpy(all_h[s], h, sizeof h);
         for (int i = 0; i < 2; ++i) starts_q[s][i] = 0.4 - 0.3 * i + 0.1 * s;
         for (int i = 0; i < NV; ++i) starts_v[s][i] = -0.2 + 0.3 * i - 0.1 * s;
+        if (CLOSED) {
+            starts_q[s][0] = starts_q[s][1] + 0.1 * sin(starts_q[s][1]);
+            starts_v[s][0] = (1.0 + 0.1 * cos(starts_q[s][1])) * starts_v[s][1];
+        }
     }
     for (int k = 0; k <= SAMPLES; ++k) times[k] = 0.05 * k;
 }
@@ -349,7 +381,7 @@ static void differentiated(const eom_drive *drive, const eom_inputs *inputs, eom
     for (int k = 0; k <= STEPS; ++k) at[k] = 0.01 * k;
     for (int k = 0; k < STEPS; ++k) { dt[k] = 0.01; row[k] = 0; }
     for (int m = 0; m < 4; ++m) {
-        double q[(STEPS + 1) * NQ], v[(STEPS + 1) * NV], by_q[(STEPS + 1) * NQ] = { 0.0 }, by_v[(STEPS + 1) * NV], weights_q[(STEPS + 1) * NQ], weights_v[(STEPS + 1) * NV], kept[STEPS * EOM_KEPT_NUMBERS(3, 0, EOM_ROSENBROCK)];
+        double q[(STEPS + 1) * NQ], v[(STEPS + 1) * NV], by_q[(STEPS + 1) * NQ] = { 0.0 }, by_v[(STEPS + 1) * NV], weights_q[(STEPS + 1) * NQ], weights_v[(STEPS + 1) * NV], kept[STEPS * EOM_KEPT_NUMBERS(3, CLOSED, EOM_ROSENBROCK)];
         double by_u[3] = { 0.0 }, by_target[3] = { 0.0 }, by_kp[3] = { 0.0 }, by_kd[3] = { 0.0 }, by_h[NUMBERS] = { 0.0 };
         double by_torque[4] = { 0.0 }, by_program[4] = { 0.0 }, by_gains[4] = { 0.0 }, by_wrench[WRENCH] = { 0.0 }, dq[(STEPS + 1) * DIRECTIONS * NQ] = { 0.0 }, dv[(STEPS + 1) * DIRECTIONS * NV] = { 0.0 };
         double *by_wrenches[1] = { by_wrench };

@@ -17,11 +17,11 @@ SEPARATE, FLAT = (2, 2), (3, 3)  # positions and inputs, of three rates
 Array = NDArray[np.float64]
 
 
-def built(folder: Path, sizes: tuple[int, int], kind: tuple[int, int], *flags: str) -> Path:
-    """Build two masses and a state, driven or not, prescribed or not; a force beside a drive is an input more."""
+def built(folder: Path, sizes: tuple[int, int], kind: tuple[int, ...], *flags: str) -> Path:
+    """Build two masses and a state, driven or not, prescribed or not, in a loop or not; a force beside a drive is an input more."""
     positions, inputs = sizes
     inputs += kind[0] and sizes == SEPARATE
-    macros = zip(("POSITIONS", "INPUTS", "DRIVEN", "PRESCRIBED"), (positions, inputs, *kind), strict=True)
+    macros = zip(("POSITIONS", "INPUTS", "DRIVEN", "PRESCRIBED", "CLOSED"), (positions, inputs, *kind), strict=True)
     folder.mkdir()
     named = [f"-D{name}={number}" for name, number in macros]
     return program(HERE / "internal_state.c", folder, WHOLE, *LANES, *named, *flags, "-ffp-contract=off")
@@ -38,13 +38,15 @@ def rows(text: str) -> tuple[Array, Array]:
     return np.array(lines[0]), np.array(lines[1])
 
 
-KINDS = tuple(product((0, 1), (0, 1)))
+KINDS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1))
 
 
 @pytest.mark.parametrize(
-    ("kind", "flags"), soaked(product(KINDS, ((), SANITIZED)), {((0, 0), ()), ((1, 1), ())}), ids=str
+    ("kind", "flags"),
+    soaked(product(KINDS, ((), SANITIZED)), {((0, 0, 0), ()), ((1, 1, 0), ()), ((1, 0, 1), ())}),
+    ids=str,
 )
-def test_states_need_no_positions(kind: tuple[int, int], flags: tuple[str, ...], tmp_path: Path) -> None:
+def test_states_need_no_positions(kind: tuple[int, ...], flags: tuple[str, ...], tmp_path: Path) -> None:
     """A number behind the positions changes no bit, but rounding of states within steps and of works along these."""
     separate, flat = (built(tmp_path / str(sizes[0]), sizes, kind, *flags) for sizes in (SEPARATE, FLAT))
     assert said(separate, "fixed") == said(flat, "fixed")
