@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def built(folder: Path, sizes: tuple[int, int], kind: tuple[int, ...], *flags: str) -> Path:
-    """Build two masses and a state, driven or not, prescribed or not, in a loop or not; a force beside a drive is an input more."""
+    """Build two masses and a state of a kind: driven, prescribed, closed; a force beside a drive is an input more."""
     positions, inputs = sizes
     inputs += kind[0] and sizes == SEPARATE
     macros = zip(("POSITIONS", "INPUTS", "DRIVEN", "PRESCRIBED", "CLOSED"), (positions, inputs, *kind), strict=True)
