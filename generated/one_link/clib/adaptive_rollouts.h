@@ -318,7 +318,7 @@ EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integrat
 #define TAKE_ROSENBROCK(number, row) case number: it.diagonal = eom_rosenbrock_methods[row].diagonal; F(rosenbrock_step)(&it.problem, &eom_rosenbrock_methods[row], dt, &it.step, work); break;
 
 /* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its length; at most so many in
- * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v), and nv - nq numbers more. */
+ * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v), with room for nv - nq more. */
 EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;

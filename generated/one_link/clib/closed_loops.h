@@ -4,7 +4,8 @@
  * violate before a step is round-off.  Velocities follow in that last step: at a violating state redundant rows block what is
  * free.  A lane that fails stays where it is, and takes the numbers of another one from then on: no lane's bits depend on what
  * happens in another.  0, or what the projection said, or 1 + nv + r where constraint r stays violated; 2 nv + 3 m more per lane.
- * failures, if it is not NULL, gets that of each lane, without what lanes add, where there is none yet.  work: 2 nq + 2 nv + m + hoisted. */
+ * failures, if it is not NULL, gets that of each lane, without what lanes add, where there is none yet.  work: 2 nq + 2 nv + m +
+ * hoisted. */
 EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h, REAL *restrict q, REAL *restrict v, REAL *restrict work, int *restrict failures)
 {
     const EOM(sizes) *const sizes = robot->sizes;

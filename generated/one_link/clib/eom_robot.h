@@ -98,8 +98,8 @@ void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, c
  * put into q and v. */
 void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
 
-/* Take steps from q and v in the first row on, (count + 1, nq) and (count + 1, nv).  kept is NULL, or count times EOM_KEPT_NUMBERS, which spare
- * rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
+/* Take steps from q, (count + 1, nq), and v, (count + 1, nv), in the first row on.  kept is NULL, or count times EOM_KEPT_NUMBERS,
+ * which spare rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
  * work.state: EOM_SENSITIVITY_ROOM, work.input: EOM_SENSITIVITY_INPUT_ROOM. */
 long long EOM(rollout_states)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *kept, EOM(workspace) work);
 

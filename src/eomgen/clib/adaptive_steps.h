@@ -152,7 +152,8 @@ EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int sta
     if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[nq], &dx[nq], (EOM_SCALAR *)(void *)work.state); }
 }
 
-/* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments: (stages, 2 nv). */
+/* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments:
+ * (stages, 2 nv). */
 EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict increments, REAL *restrict right, REAL *restrict w)
 {
     const int nq = POSITIONS_OF(problem->motion.robot->sizes);
@@ -349,7 +350,8 @@ EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, 
 }
 
 /* What accelerations at both ends of a step of a Rosenbrock method say of velocities in between that coordinates and
- * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.  work: nq + 2 nv. */
+ * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.
+ * work: nq + 2 nv. */
 EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL time, REAL dt, const F(step) *restrict step, REAL *restrict work)
 {
     const int nq = POSITIONS_OF(problem->motion.robot->sizes);
@@ -366,21 +368,23 @@ EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL time, RE
     for (int i = 0; i < nv; ++i) { step->bend[i] = time * (right[i] + w[i]); }
 }
 
-/* Dense output, a lane's state at a share of its step: of an explicit method the polynomial of degree 5 with its coordinates, or
- * integrals of internal states, velocities and accelerations, of a Rosenbrock method the cubic without the latter, and what is bent, of Radau IIA the one
- * through its stages. */
+/* Dense output, a lane's state at a share of its step: of an explicit method the polynomial of degree 5 with its coordinates,
+ * or integrals of internal states, velocities and accelerations, of a Rosenbrock method the cubic without the latter, and what is
+ * bent, of Radau IIA the one through its stages. */
 EOM_LOCAL void F(dense_output)(const EOM(sizes) *restrict sizes, double share, double length, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
 {
     const double s = share;
     const int kind = eom_error_controls[method].kind;
     const int nq = POSITIONS_OF(sizes);
     const int nv = RATES_OF(sizes);
+    const int apart = PADDED_TO_BLOCKS(nq + nv);
     (void)sizes;
     (void)l;
     for (int i = 0; (kind == RADAU_KIND) && (i < nq + nv); ++i) {
         EOM_SCALAR *const out = (i < nq) ? &q_out[i] : &v_out[i - nq];
         double change = 0.0;
-        for (int k = RADAU_STAGES - 1; k >= 0; --k) { change = s * (change + (double)LANE_OF(step->inside[k * PADDED_TO_BLOCKS(nq + nv) + i], l)); }
+        UNROLL(5)
+        for (int k = RADAU_STAGES - 1; k >= 0; --k) { change = s * (change + (double)LANE_OF(step->inside[k * apart + i], l)); }
         *out = (EOM_SCALAR)((double)LANE_OF(step->x[i], l) + change);
     }
     for (int i = 0; (kind != RADAU_KIND) && (i < nv); ++i) {
