@@ -19,7 +19,7 @@ int main(void)
     double q = 1.2, v = 0.3, q_out[3], v_out[3];
     double state[EOM_STATE_ROOM(1, 0, 3, 1, 0, 0, 0)], input[EOM_INPUT_ROOM(1, 1, 0)];
     int index[EOM_INDEX_ROOM(1, 1, 0)];
-    const eom_sizes sizes = { .n = 1, .hoisted = 3, .factors = 1 };
+    const eom_sizes sizes = { .positions = 1, .rates = 1, .inputs = 1, .hoisted = 3, .factors = 1 };
     const eom_robot pendulum = { .sizes = &sizes, .forward_dynamics = forward_dynamics };
     const eom_drive drive = { .u = &u };
     const eom_tolerance tolerance = { .rtol = 1e-9, .atol = atol, .most = 1000000 };

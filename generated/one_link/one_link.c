@@ -1,7 +1,9 @@
 /* one_link.c: equations of motion of the robot one_link, written by eomgen 0.1.0.
  * What the arrays hold is said in one_link.h.  No heap, no state: every call is re-entrant.
  * Equation numbers are those of the paper "Mathematics Model for 6-DOF Joints Manipulation Robots". */
-#define EOM_N 2
+#define EOM_POSITIONS 2
+#define EOM_RATES 2
+#define EOM_INPUTS 2
 #define EOM_M 0
 #define EOM_ROTATIONS 0
 #include "one_link.h"
@@ -10,7 +12,9 @@
 #include "clib/batches.h"
 
 EOM_LOCAL const eom_sizes one_link_sizes = {
-    .n = 2,
+    .positions = 2,
+    .rates = 2,
+    .inputs = 2,
     .hoisted = 7,
     .parameters = 4,
     .factors = 8,

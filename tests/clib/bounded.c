@@ -58,7 +58,7 @@ static int pair_solution(const double *h, const double *factors, const double *r
 
 int main(int count, char **words)
 {
-    static const eom_sizes sizes = { .n = 1, .hoisted = 1, .factors = 3, .pair_factors = 5, .wrench = 6 };
+    static const eom_sizes sizes = { .positions = 1, .rates = 1, .inputs = 1, .hoisted = 1, .factors = 3, .pair_factors = 5, .wrench = 6 };
     static const double none = 0.0, atol[2] = { 1e-10, 1e-10 }, times[2] = { 0.0, 2.0 };
     double state[EOM_STATE_ROOM(1, 0, 1, 3, 6, 0, 0) + EOM_RADAU_ROOM(1, 0, 3, 5)], input[EOM_INPUT_ROOM(1, 1, 0)], q_out[2], v_out[2];
     int index[EOM_INDEX_ROOM(1, 1, 0)];

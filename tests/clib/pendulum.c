@@ -40,7 +40,7 @@ static int pair_solution(const double *h, const double *factors, const double *r
 int main(int count, char **words)
 {
     static const double h[NUMBERS] = { 1.5, 0.8, 9.81, 0.05 };
-    static const eom_sizes sizes = { .n = 1, .hoisted = NUMBERS, .factors = 5, .pair_factors = 7, .wrench = 6 };
+    static const eom_sizes sizes = { .positions = 1, .rates = 1, .inputs = 1, .hoisted = NUMBERS, .factors = 5, .pair_factors = 7, .wrench = 6 };
     double state[EOM_STATE_ROOM(1, 0, NUMBERS, 5, 6, 0, 0) + EOM_RADAU_ROOM(1, 0, 5, 7) + 1], input[EOM_INPUT_ROOM(1, 1, 0) + 1];
     int index[EOM_INDEX_ROOM(1, 1, 0) + 1];
     const double none = 0.0, q = 1.2, v = 0.3;

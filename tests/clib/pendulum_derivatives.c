@@ -9,7 +9,9 @@
 #include <string.h>
 
 #if defined(INCLUDED)
-#define EOM_N 1
+#define EOM_POSITIONS 1
+#define EOM_RATES 1
+#define EOM_INPUTS 1
 #define EOM_M 0
 #define EOM_ROTATIONS 0
 #define EOM_DERIVATIVES pendulum_derivatives
@@ -176,7 +178,7 @@ static int external_force_parameter_tangent(const real *h, const real *q, const 
     return 0;
 }
 
-static const E(sizes) sizes = { .n = 1, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .wrench = WRENCH };
+static const E(sizes) sizes = { .positions = 1, .rates = 1, .inputs = 1, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .wrench = WRENCH };
 static const E(robot) robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL, NULL, NULL };
 static const E(robot_derivatives) pendulum_derivatives = {
     .robot = &robot,

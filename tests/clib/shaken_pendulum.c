@@ -46,7 +46,7 @@ int main(int count, char **words)
     static const double times[2] = { 0.0, 1.0 }, reference[2] = { 0.1, 0.3 }, force[6] = { 1.0, 2.0 };
     static const int is_prescribed[N] = { 1, 0 }, cart = CART, angle = ANGLE;
     static const double jump = 0.25;
-    const eom_sizes sizes = { .n = N, .hoisted = NUMBERS, .factors = 1, .wrench = 6, .is_prescribed = is_prescribed };
+    const eom_sizes sizes = { .positions = N, .rates = N, .inputs = N, .hoisted = NUMBERS, .factors = 1, .wrench = 6, .is_prescribed = is_prescribed };
     const eom_robot robot = { .sizes = &sizes, .forward_dynamics = forward_dynamics, .implicit_step = implicit_step };
     const eom_spline torque = { .knot = knots, .coefficient = torques, .pieces = 2, .degree = 1, .columns = 1 };
     const eom_spline line = { .knot = times, .coefficient = reference, .pieces = 1, .degree = 1, .columns = 1 };

@@ -49,10 +49,10 @@ EOM_LOCAL void F(stop_lane)(F(integration) *restrict it, int l)
 /* End those of some lanes in which equations cannot be solved: those that begin a step, or have taken one. */
 EOM_LOCAL void F(end_failed)(F(integration) *restrict it, int *restrict some)
 {
-    const int n = N_OF(it->problem.motion.robot->sizes);
+    const int nx = STATE_OF(it->problem.motion.robot->sizes);
     for (int l = 0; l < (int)WIDTH; ++l) {
         if ((some[l] == 0) || (it->failed[l] == 0)) { continue; }
-        it->progress[it->place[l]].reason = 1 + 2 * n + it->failed[l];
+        it->progress[it->place[l]].reason = 1 + nx + it->failed[l];
         F(stop_lane)(it, l);
         some[l] = 0;
     }
@@ -66,8 +66,9 @@ EOM_LOCAL void F(end_failed)(F(integration) *restrict it, int *restrict some)
 EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *restrict inputs, size_t inputs_step, int here)
 {
     const EOM(drive) *const drive = it->problem.motion.drive;
-    const int n = N_OF(it->problem.motion.robot->sizes);
-    const size_t stride = (it->samples + 1U) * (size_t)n;
+    const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
     it->left = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
         eom_progress *const p = &it->progress[it->place[l]];
@@ -78,12 +79,11 @@ EOM_LOCAL void F(begin_motion)(F(integration) *restrict it, const EOM(inputs) *r
         it->known[l] = 0;
         it->left += it->going[l];
         it->problem.clock.inputs[l] = (inputs == NULL) ? NULL : &inputs[it->place[l] * inputs_step];
-        F(hold)(drive, n, it->place[l], ((p->sample > 0U) && (p->sample <= it->samples)) ? (p->sample - 1U) : 0U, l, it->u, it->target);
+        F(hold)(sizes, drive, it->place[l], ((p->sample > 0U) && (p->sample <= it->samples)) ? (p->sample - 1U) : 0U, l, it->u, it->target);
         if ((it->going[l] != 0) && (p->sample == 0U)) {
-            for (int i = 0; i < n; ++i) {
-                it->q_out[it->place[l] * stride + (size_t)i] = LANE_OF(it->step.x[i], l);
-                it->v_out[it->place[l] * stride + (size_t)i] = LANE_OF(it->step.x[n + i], l);
-            }
+            const size_t first = it->place[l] * (it->samples + 1U);
+            for (int i = 0; i < nq; ++i) { it->q_out[first * (size_t)nq + (size_t)i] = LANE_OF(it->step.x[i], l); }
+            for (int i = 0; i < nv; ++i) { it->v_out[first * (size_t)nv + (size_t)i] = LANE_OF(it->step.x[nq + i], l); }
             if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
             if (p->kept != NULL) { p->kept[2] = 0.0; } /* nothing yet: no error is 0 */
             p->sample = 1U;
@@ -155,7 +155,7 @@ EOM_LOCAL void F(judge_steps)(F(integration) *restrict it, REAL *restrict work)
         it->taken[l] = 0;
         if (it->going[l] == 0) { continue; }
         const double excess = (it->failed[l] != 0) ? HUGE_VAL : F(error_norm)(motion, F(tolerance_of)(it, l), l, &it->step, &where);
-        if (it->failed[l] != 0) { where = 2 * N_OF(motion->robot->sizes) + it->failed[l] - 1; }
+        if (it->failed[l] != 0) { where = STATE_OF(motion->robot->sizes) + it->failed[l] - 1; }
 #if defined(EOM_HAS_RADAU)
         if (control->kind == RADAU_KIND) {
             it->taken[l] = F(judge_radau)(&it->radau, p, excess, l, it->length[l], it->duration, where);
@@ -202,14 +202,15 @@ EOM_LOCAL double F(store_samples)(F(integration) *restrict it, int l, double beg
 {
     const F(problem) *const problem = &it->problem;
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
     const double length = it->length[l];
     const size_t first = it->place[l] * (it->samples + 1U);
     eom_progress *const p = &it->progress[it->place[l]];
     double share = 0.0;
     while ((p->sample <= it->samples) && (((it->lands[l] != 0) || (it->dense != 0)) && (it->times[p->sample] <= p->t))) {
-        EOM_SCALAR *const q_row = &it->q_out[(first + p->sample) * (size_t)n];
-        EOM_SCALAR *const v_row = &it->v_out[(first + p->sample) * (size_t)n];
+        EOM_SCALAR *const q_row = &it->q_out[(first + p->sample) * (size_t)nq];
+        EOM_SCALAR *const v_row = &it->v_out[(first + p->sample) * (size_t)nv];
         double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * EOM_WORKS];
         const double time = it->times[p->sample];
         const int inside = ((it->dense != 0) && (time < p->t)) ? 1 : 0;
@@ -219,13 +220,11 @@ EOM_LOCAL double F(store_samples)(F(integration) *restrict it, int l, double beg
             share = until;
         }
         if (inside != 0) {
-            F(dense_output)((time - began) / length, length, n, l, it->method, &it->step, q_row, v_row);
+            F(dense_output)(sizes, (time - began) / length, length, l, it->method, &it->step, q_row, v_row);
         } else {
             if ((it->halts[l] != 0) && (M_OF(sizes) == 0)) { F(put_prescribed)(problem, l, eom_instant_of(p->t), it->step.x_end, work.input); }
-            for (int i = 0; i < n; ++i) {
-                q_row[i] = LANE_OF(it->step.x_end[i], l);
-                v_row[i] = LANE_OF(it->step.x_end[n + i], l);
-            }
+            for (int i = 0; i < nq; ++i) { q_row[i] = LANE_OF(it->step.x_end[i], l); }
+            for (int i = 0; i < nv; ++i) { v_row[i] = LANE_OF(it->step.x_end[nq + i], l); }
         }
         if ((work_row != NULL) && (inside != 0) && (doubtful == 0)) {
             F(works_between)((time - began) / length, length, l, it->method, problem->clock.power, works_began, p->work, work_row);
@@ -237,7 +236,7 @@ EOM_LOCAL double F(store_samples)(F(integration) *restrict it, int l, double beg
         if (ROTATIONS_OF(sizes) > 0) { F(describe_row)(sizes, problem->motion.charts, l, q_row, v_row, work.state); }
         p->sample += 1U;
         if ((it->held == 0) && (p->sample <= it->samples)) {
-            F(hold)(problem->motion.drive, n, it->place[l], p->sample - 1U, l, it->u, it->target);
+            F(hold)(sizes, problem->motion.drive, it->place[l], p->sample - 1U, l, it->u, it->target);
             it->known[l] = 0;
         }
     }
@@ -248,15 +247,14 @@ EOM_LOCAL double F(store_samples)(F(integration) *restrict it, int l, double beg
 EOM_LOCAL void F(record_step)(F(integration) *restrict it, int l, double stiffness, EOM(record) *restrict record, REAL *restrict work)
 {
     const F(motion) *const motion = &it->problem.motion;
-    const int n = N_OF(motion->robot->sizes);
-    EOM_SCALAR *const q = &record->q[record->count * (size_t)n];
-    EOM_SCALAR *const v = &record->v[record->count * (size_t)n];
+    const int nq = POSITIONS_OF(motion->robot->sizes);
+    const int nv = RATES_OF(motion->robot->sizes);
+    EOM_SCALAR *const q = &record->q[record->count * (size_t)nq];
+    EOM_SCALAR *const v = &record->v[record->count * (size_t)nv];
     record->t[record->count] = it->progress[it->place[l]].t;
     if (record->stiffness != NULL) { record->stiffness[record->count] = stiffness; }
-    for (int i = 0; i < n; ++i) {
-        q[i] = LANE_OF(it->step.x[i], l);
-        v[i] = LANE_OF(it->step.x[n + i], l);
-    }
+    for (int i = 0; i < nq; ++i) { q[i] = LANE_OF(it->step.x[i], l); }
+    for (int i = 0; i < nv; ++i) { v[i] = LANE_OF(it->step.x[nq + i], l); }
     if (ROTATIONS_OF(motion->robot->sizes) > 0) { F(describe_row)(motion->robot->sizes, motion->charts, l, q, v, work); }
     record->count += 1U;
 }
@@ -265,7 +263,8 @@ EOM_LOCAL void F(record_step)(F(integration) *restrict it, int l, double stiffne
 EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(workspace) work)
 {
     const EOM(sizes) *const sizes = it->problem.motion.robot->sizes;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
     const int closed = (M_OF(sizes) > 0) ? 1 : 0;
     const eom_error_control *const control = &eom_error_controls[it->method];
     const double length = it->length[l];
@@ -285,11 +284,10 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
     const double share = F(store_samples)(it, l, began, doubtful, works_began, work);
     if ((doubtful != 0) && (share < 1.0)) { F(integrate_works)(&it->problem, l, it->method, share, 1.0, rtol, &it->step, p->work, work); }
     if ((closed == 0) && (it->halts[l] != 0)) { F(put_prescribed)(&it->problem, l, eom_instant_of(p->t), it->step.x_end, work.input); }
-    for (int i = 0; i < n; ++i) {
-        LANE_OF(it->step.x[i], l) = LANE_OF(it->step.x_end[i], l);
-        LANE_OF(it->step.x[n + i], l) = LANE_OF(it->step.x_end[n + i], l);
-        LANE_OF(it->step.dx[i], l) = LANE_OF(it->step.x_end[n + i], l); /* prescribed motions are in it */
-        LANE_OF(it->step.dx[n + i], l) = LANE_OF(it->step.dx_end[n + i], l);
+    for (int i = 0; i < nq + nv; ++i) { LANE_OF(it->step.x[i], l) = LANE_OF(it->step.x_end[i], l); }
+    for (int i = 0; i < nv; ++i) {
+        LANE_OF(it->step.dx[(i < nq) ? i : (nv + i)], l) = LANE_OF(it->step.x_end[nq + i], l); /* prescribed motions are in it */
+        LANE_OF(it->step.dx[nq + i], l) = LANE_OF(it->step.dx_end[nq + i], l);
     }
     for (int w = 0; (it->works != 0) && (closed == 0) && (w < EOM_WORKS); ++w) { power[w * (int)WIDTH + l] = power[(control->stages * EOM_WORKS + w) * (int)WIDTH + l]; }
 }
@@ -297,19 +295,19 @@ EOM_LOCAL void F(accept_step)(F(integration) *restrict it, int l, int inside, F(
 /* Take room for an integration from a workspace. */
 EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integration) *restrict it, F(workspace) *restrict work)
 {
-    const int pair = PADDED_TO_BLOCKS(2 * N_OF(sizes));
-    const int rates = PADDED_TO_BLOCKS(2 * N_OF(sizes) + 3 * M_OF(sizes));
+    const int pair = PADDED_TO_BLOCKS(2 * RATES_OF(sizes));
+    const int rates = PADDED_TO_BLOCKS(2 * RATES_OF(sizes) + 3 * M_OF(sizes));
     it->u = work->state;
-    it->target = &it->u[PADDED_TO_BLOCKS(N_OF(sizes))];
-    it->step.x_end = &it->target[PADDED_TO_BLOCKS(N_OF(sizes))];
+    it->target = &it->u[PADDED_TO_BLOCKS(INPUTS_OF(sizes))];
+    it->step.x_end = &it->target[PADDED_TO_BLOCKS(POSITIONS_OF(sizes))];
     it->step.error = &it->step.x_end[pair];
     it->step.bend = &it->step.error[pair];
-    it->step.dx = &it->step.bend[PADDED_TO_BLOCKS(N_OF(sizes))];
+    it->step.dx = &it->step.bend[PADDED_TO_BLOCKS(RATES_OF(sizes))];
     it->step.dx_end = &it->step.dx[rates];
     it->step.factors = &it->step.dx_end[rates];
     it->problem.failed = it->failed;
     it->problem.spare = &it->step.factors[PADDED_TO_BLOCKS(sizes->factors)];
-    work->state = &it->problem.spare[(WIDTH > 1) ? (4 * N_OF(sizes) + 6 + sizes->hoisted) : 0];
+    work->state = &it->problem.spare[(WIDTH > 1) ? (STATE_OF(sizes) + 2 * INPUTS_OF(sizes) + 6 + sizes->hoisted) : 0];
     it->problem.u = it->u;
     it->problem.target = it->target;
     (void)memset(it->u, 0, (size_t)(work->state - it->u) * sizeof *it->u);
@@ -320,11 +318,12 @@ EOM_LOCAL void F(carve_integration)(const EOM(sizes) *restrict sizes, F(integrat
 #define TAKE_ROSENBROCK(number, row) case number: it.diagonal = eom_rosenbrock_methods[row].diagonal; F(rosenbrock_step)(&it.problem, &eom_rosenbrock_methods[row], dt, &it.step, work); break;
 
 /* Go on with up to WIDTH states, those at place, from where their progress is, each by steps of its length; at most so many in
- * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v). */
+ * this call.  The numbers at place behind the ones that are here are those of one of them.  x = (q, v), with room for nv - nq more. */
 EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nx = STATE_OF(sizes);
     const int kind = eom_error_controls[method].kind;
     F(integration) it;
     F(charts) charts;
@@ -355,6 +354,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.problem.clock.here = here;
     F(carve_integration)(sizes, &it, &work);
     it.step.x = x;
+    for (int i = nx; i < 2 * RATES_OF(sizes); ++i) { x[i] = WHOLE((EOM_SCALAR)0.0); }
     it.step.inside = NULL;
 #if defined(EOM_HAS_RADAU)
     if (kind == RADAU_KIND) {
@@ -371,8 +371,8 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         F(carve_charts)(sizes, &charts, &work);
         it.problem.motion.charts = &charts;
         it.problem.motion.h = charts.h;
-        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
-        F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
+        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[nq]);
+        F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
 #if defined(EOM_HAS_RADAU)
     if (kind == RADAU_KIND) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
@@ -403,7 +403,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
             if (it.taken[l] == 0) { continue; }
             F(accept_step)(&it, l, inside, work);
 #if defined(EOM_HAS_RADAU)
-            if ((kind == RADAU_KIND) && (it.halts[l] != 0)) { F(forget_radau)(n, &it.radau, l); }
+            if ((kind == RADAU_KIND) && (it.halts[l] != 0)) { F(forget_radau)(sizes, &it.radau, l); }
 #endif
             if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
             if ((progress[place[l]].sample > samples) && (it.failed[l] == 0)) {
@@ -416,7 +416,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
 #if defined(EOM_HAS_RADAU)
         if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }
 #endif
-        if (F(change_charts)(sizes, &charts, x, &x[n]) != 0) {
+        if (F(change_charts)(sizes, &charts, x, &x[nq]) != 0) {
             for (int l = 0; l < (int)WIDTH; ++l) { it.known[l] = 0; }
 #if defined(EOM_HAS_RADAU)
             if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 1); }
@@ -427,9 +427,9 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     if (kind == RADAU_KIND) { F(keep_radau)(&it.problem, place, progress, &it.radau); }
 #endif
     if (ROTATIONS_OF(sizes) > 0) {
-        F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[n]);
-        F(describe)(sizes, &charts, x, &x[n], it.step.x_end, &it.step.x_end[n]);
-        (void)memcpy(x, it.step.x_end, (size_t)(2 * n) * sizeof *x);
+        F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[nq]);
+        F(describe)(sizes, &charts, x, &x[nq], it.step.x_end, &it.step.x_end[nq]);
+        (void)memcpy(x, it.step.x_end, (size_t)nx * sizeof *x);
     }
 }
 #undef TAKE_EXPLICIT

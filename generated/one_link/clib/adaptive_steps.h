@@ -1,7 +1,8 @@
 /* adaptive_steps.h: steps whose length the error controls, of one state, or of one in every lane with a step of its length. */
 
-/* A step: states x = (q, v) at its beginning and at its end, their rates dx = (v, a), its error, factors of its matrix, and
- * its polynomial, or what bends that. */
+/* A step: states x = (q, v) at its beginning and at its end, behind them integrals over the step of internal states, nv - nq,
+ * by which dense output has these as it has velocities; their rates dx; its error, factors of its matrix, and its polynomial, or
+ * what bends that. */
 typedef struct {
     REAL *x;
     REAL *dx;
@@ -9,8 +10,8 @@ typedef struct {
     REAL *dx_end;
     REAL *error;
     REAL *factors;
-    REAL *bend;         /* n */
-    const REAL *inside; /* of Radau IIA: coefficients of its polynomial, (stages, 2 n), from the first power on */
+    REAL *bend;         /* nv */
+    const REAL *inside; /* of Radau IIA: coefficients of its polynomial, (stages, nq + nv), from the first power on */
 } F(step);
 
 /* Equations that fail where a matrix is singular. */
@@ -39,20 +40,24 @@ EOM_LOCAL void F(follow_lane)(int count, const int *restrict failed, int other, 
 EOM_LOCAL void F(find_failures)(const F(problem) *restrict problem, enum F(solved) what, const REAL *q, const REAL *v, const REAL *first, const REAL *second, const REAL *times, REAL *restrict out, int status)
 {
     const F(robot) *const robot = problem->motion.robot;
-    const int n = N_OF(robot->sizes);
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
+    const int nu = INPUTS_OF(robot->sizes);
     const int hoisted = robot->sizes->hoisted;
-    const int statuses = (M_OF(robot->sizes) > 0) ? (2 * n + 3 * M_OF(robot->sizes)) : n;
+    const int statuses = (M_OF(robot->sizes) > 0) ? (2 * nv + 3 * M_OF(robot->sizes)) : nv;
     REAL *const state = problem->spare; /* q, v, and two more arrays */
-    REAL *const time = &state[4 * n];
+    REAL *const one = &state[nq + nv];
+    REAL *const two = &one[nu];
+    REAL *const time = &two[nu];
     REAL *const h = &time[6];
     int shares = 0;
     int failed[WIDTH] = { 0 };
     int other = 0;
     int left = status;
-    (void)memcpy(state, q, (size_t)n * sizeof *q);
-    (void)memcpy(&state[n], v, (size_t)n * sizeof *v);
-    (void)memcpy(&state[2 * n], first, (size_t)n * sizeof *first);
-    (void)memcpy(&state[3 * n], (second == NULL) ? first : second, (size_t)n * sizeof *first);
+    (void)memcpy(state, q, (size_t)nq * sizeof *q);
+    (void)memcpy(&state[nq], v, (size_t)nv * sizeof *v);
+    (void)memcpy(one, first, (size_t)nu * sizeof *first);
+    (void)memcpy(two, (second == NULL) ? first : second, (size_t)nu * sizeof *first);
     (void)memcpy(h, problem->motion.h, (size_t)hoisted * sizeof *h);
     if (times != NULL) { shares = (what == F(factors_of_pair)) ? 6 : 2; }
     for (int i = 0; i < shares; ++i) { time[i] = times[i]; }
@@ -61,9 +66,9 @@ EOM_LOCAL void F(find_failures)(const F(problem) *restrict problem, enum F(solve
         failed[(failed[said] == 0) ? said : other] = 1 + (left - 1) % statuses; /* or the one that it follows */
         while ((other < (int)WIDTH) && (failed[other] != 0)) { ++other; }
         if (other == (int)WIDTH) { continue; }
-        F(follow_lane)(4 * n + shares, failed, other, state);
+        F(follow_lane)(nq + nv + 2 * nu + shares, failed, other, state);
         F(follow_lane)(hoisted, failed, other, h);
-        left = F(solve)(robot, what, h, state, &state[n], &state[2 * n], &state[3 * n], time, out);
+        left = F(solve)(robot, what, h, state, &state[nq], one, two, time, out);
     }
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (problem->failed[l] == 0) { problem->failed[l] = failed[l]; }
@@ -87,7 +92,7 @@ EOM_INLINE void F(solve_or_note)(const F(problem) *restrict problem, enum F(solv
  * on from there; they have no error. */
 EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const F(step) *restrict step, double *restrict work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const int nq = POSITIONS_OF(problem->motion.robot->sizes);
     const int closed = (M_OF(problem->motion.robot->sizes) > 0) ? 1 : 0;
     for (int l = 0; l < problem->clock.here; ++l) {
         const eom_prescribed *const motions = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
@@ -95,7 +100,7 @@ EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const 
         for (int k = 0; (motions != NULL) && (k < motions->size); ++k) {
             const int i = motions->place[k];
             LANE_OF(step->error[i], l) = (EOM_SCALAR)0.0;
-            LANE_OF(step->error[n + i], l) = (EOM_SCALAR)0.0;
+            LANE_OF(step->error[nq + i], l) = (EOM_SCALAR)0.0;
         }
     }
 }
@@ -103,61 +108,74 @@ EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const 
 /* Power of what moves prescribed coordinates: what the motion takes, less what drives and wrenches give; loops give none. */
 EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int stage, const REAL *restrict q, const REAL *restrict v, const REAL *restrict a, EOM_SCALAR *restrict work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const int nq = POSITIONS_OF(problem->motion.robot->sizes);
+    const int nv = RATES_OF(problem->motion.robot->sizes);
+    const int nu = INPUTS_OF(problem->motion.robot->sizes);
     EOM_SCALAR *const position = work;
-    EOM_SCALAR *const rate = &position[n];
-    EOM_SCALAR *const second = &rate[n];
-    EOM_SCALAR *const needed = &second[n];
-    EOM_SCALAR *const none = &needed[n];
+    EOM_SCALAR *const rate = &position[nq];
+    EOM_SCALAR *const second = &rate[nv];
+    EOM_SCALAR *const needed = &second[nv];
+    EOM_SCALAR *const none = &needed[nv];
     for (int l = 0; l < problem->clock.here; ++l) {
         const EOM(energy_balance) *const balance = problem->clock.inputs[l]->work;
         double *const power = &problem->clock.power[stage * EOM_WORKS * (int)WIDTH + l];
-        for (int i = 0; i < n; ++i) {
-            position[i] = LANE_OF(q[i], l);
+        for (int i = 0; i < nq; ++i) { position[i] = LANE_OF(q[i], l); }
+        for (int i = 0; i < nv; ++i) {
             rate[i] = LANE_OF(v[i], l);
             second[i] = LANE_OF(a[i], l);
-            none[i] = (EOM_SCALAR)0.0;
         }
+        for (int i = 0; i < nu; ++i) { none[i] = (EOM_SCALAR)0.0; }
         if (balance->residual != NULL) {
             (void)balance->residual(balance->needed_h, position, rate, second, none, needed);
         } else {
             (void)balance->needed(balance->needed_h, position, rate, second, needed);
         }
         double moving = power[(int)WIDTH] - power[0] - power[2 * (int)WIDTH];
-        for (int i = 0; i < n; ++i) { moving += (double)needed[i] * (double)rate[i]; }
+        for (int i = 0; i < nv; ++i) { moving += (double)needed[i] * (double)rate[i]; }
         power[(int)WIDTH] = moving;
     }
 }
 
-/* The rate (v, a) of a state (q, v) at a share of the step; lanes in which there is none are noted. */
+/* The rate of a state (q, v), and of what stands behind it, at a share of the step; lanes in which there is none are noted. */
 EOM_LOCAL void F(rate)(const F(problem) *restrict problem, double share, int stage, REAL *restrict x, REAL *restrict dx, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
-    const int n = N_OF(robot->sizes);
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
     const int held = F(drives_alone)(problem);
     REAL *restrict const force = work.state;
-    work.state += PADDED_TO_BLOCKS(n);
-    if (held == 0) { F(forces)(problem, share, stage, x, &x[n], force, NULL, work); }
-    F(solve_or_note)(problem, F(rates_of_state), x, &x[n], (held != 0) ? problem->u : force, NULL, NULL, &dx[n]);
-    for (int i = 0; i < n; ++i) { dx[i] = x[n + i]; }
-    if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[n], &dx[n], (EOM_SCALAR *)(void *)work.state); }
+    work.state += PADDED_TO_BLOCKS(INPUTS_OF(robot->sizes));
+    if (held == 0) { F(forces)(problem, share, stage, x, &x[nq], force, NULL, work); }
+    F(solve_or_note)(problem, F(rates_of_state), x, &x[nq], (held != 0) ? problem->u : force, NULL, NULL, &dx[nq]);
+    for (int i = 0; i < nq; ++i) { dx[i] = x[nq + i]; }
+    for (int i = nq; i < nv; ++i) { dx[nv + i] = x[nq + i]; }
+    if ((robot->sizes->is_prescribed != NULL) && (problem->clock.power != NULL)) { F(power_of_prescribed)(problem, stage, x, &x[nq], &dx[nq], (EOM_SCALAR *)(void *)work.state); }
 }
 
-/* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments: (stages, 2 n). */
+/* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments:
+ * (stages, 2 nv). */
 EOM_INLINE void F(rosenbrock_stage)(const F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, int stage, const REAL *restrict factors, REAL time, REAL inverse, const REAL *restrict dx, REAL *restrict increments, REAL *restrict right, REAL *restrict w)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nq = POSITIONS_OF(problem->motion.robot->sizes);
+    const int nv = RATES_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * nv);
     REAL *restrict const increment = &increments[stage * apart];
     if (stage == 0) {
-        F(copy)(2 * n, dx, right);
+        F(copy)(2 * nv, dx, right);
     } else {
-        F(advance)(2 * n, stage, method->c[stage], inverse, increments, apart, dx, right);
+        F(advance)(2 * nv, stage, method->c[stage], inverse, increments, apart, dx, right);
     }
-    (void)problem->motion.robot->stage_solution(problem->motion.h, factors, &right[n], right, w);
-    for (int i = 0; i < n; ++i) {
-        increment[n + i] = time * (right[n + i] + w[i]);
-        increment[i] = time * (increment[n + i] + right[i]);
+    (void)problem->motion.robot->stage_solution(problem->motion.h, factors, &right[nq], right, w);
+    for (int i = 0; i < nv; ++i) { increment[nq + i] = time * (right[nq + i] + w[i]); }
+    for (int i = 0; i < nq; ++i) { increment[i] = time * (increment[nq + i] + right[i]); }
+    for (int i = nq; i < nv; ++i) { increment[nv + i] = time * (increment[nq + i] + right[nv + i]); }
+}
+
+/* Let an error be at least as large as x, lane by lane. */
+EOM_INLINE void F(enlarge)(REAL x, REAL *restrict error)
+{
+    for (int l = 0; l < (int)WIDTH; ++l) {
+        if (fabs((double)LANE_OF(*error, l)) < fabs((double)LANE_OF(x, l))) { LANE_OF(*error, l) = LANE_OF(x, l); }
     }
 }
 
@@ -167,21 +185,22 @@ EOM_IN_PLACE void F(rosenbrock_step)(const F(problem) *restrict problem, const E
     const F(robot) *const robot = problem->motion.robot;
     const REAL *const h = problem->motion.h;
     double *const power = problem->clock.power;
-    const int n = N_OF(robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * nv);
     const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
     REAL times[2];
     REAL *restrict const kp = work.state;
-    REAL *restrict const kd = &kp[n];
+    REAL *restrict const kd = &kp[INPUTS_OF(robot->sizes)];
     REAL *restrict const w = &kp[apart];
-    REAL *restrict const right = &w[PADDED_TO_BLOCKS(n)];
-    REAL *restrict const increments = &right[apart];                   /* (stages, 2 n) */
-    REAL *restrict const dx = &increments[method->stages * apart]; /* 2 n + 3 m */
-    work.state = &dx[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))];
+    REAL *restrict const right = &w[PADDED_TO_BLOCKS(nv)];
+    REAL *restrict const increments = &right[apart];               /* (stages, 2 nv) */
+    REAL *restrict const dx = &increments[method->stages * apart]; /* 2 nv + 3 m */
+    work.state = &dx[PADDED_TO_BLOCKS(2 * nv + 3 * M_OF(robot->sizes))];
     times[0] = method->diagonal * dt;
     times[1] = times[0] * times[0];
     F(gains)(problem, step->x, kp, kd, work);
-    F(solve_or_note)(problem, F(factors_of_stage), step->x, &step->x[n], kp, kd, times, step->factors);
+    F(solve_or_note)(problem, F(factors_of_stage), step->x, &step->x[nq], kp, kd, times, step->factors);
     F(rosenbrock_stage)(problem, method, 0, step->factors, times[0], inverse, step->dx, increments, right, w);
     UNROLL(6)
     for (int stage = 1; stage < method->stages; ++stage) {
@@ -190,29 +209,26 @@ EOM_IN_PLACE void F(rosenbrock_step)(const F(problem) *restrict problem, const E
             F(rosenbrock_stage)(problem, method, stage, step->factors, times[0], inverse, step->dx, increments, right, w);
             continue;
         }
-        F(accumulate)(2 * n, stage, method->a[stage], increments, apart, step->x, step->x_end);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
+        F(accumulate)(2 * nv, stage, method->a[stage], increments, apart, step->x, step->x_end);
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, h, step->x_end, &step->x_end[nq], work.state, problem->failed); } /* redundant rows answer to violations */
         F(rate)(problem, method->shares[stage], stage, step->x_end, dx, work);
         F(rosenbrock_stage)(problem, method, stage, step->factors, times[0], inverse, dx, increments, right, w);
     }
-    F(accumulate)(2 * n, method->stages, method->b, increments, apart, step->x, step->x_end);
-    F(weigh)(2 * n, method->stages, method->error, increments, apart, step->error);
+    F(accumulate)(2 * nv, method->stages, method->b, increments, apart, step->x, step->x_end);
+    F(weigh)(nq + nv, method->stages, method->error, increments, apart, step->error);
     if (robot->sizes->has_friction != 0) {
         /* Friction that lets go within the step holds in its matrix, and both orders agree: what the matrix of the end leaves of
          * the difference between the end's rates and those of the last stage counts, too. */
         const int last = method->stages - 1;
         F(rate)(problem, 1.0, method->stages, step->x_end, step->dx_end, work);
-        F(solve_or_note)(problem, F(factors_of_stage), step->x_end, &step->x_end[n], kp, kd, times, step->factors);
-        F(advance)(2 * n, last, method->c[last], inverse, increments, apart, step->dx_end, right);
-        for (int i = 0; i < 2 * n; ++i) { right[i] = times[0] * right[i] - increments[last * apart + i]; }
-        (void)robot->stage_solution(h, step->factors, &right[n], right, w);
-        for (int i = 0; i < n; ++i) {
-            const REAL v_left = right[n + i] + w[i];
-            const REAL q_left = right[i] + times[0] * v_left;
-            for (int l = 0; l < (int)WIDTH; ++l) {
-                if (fabs((double)LANE_OF(step->error[i], l)) < fabs((double)LANE_OF(q_left, l))) { LANE_OF(step->error[i], l) = LANE_OF(q_left, l); }
-                if (fabs((double)LANE_OF(step->error[n + i], l)) < fabs((double)LANE_OF(v_left, l))) { LANE_OF(step->error[n + i], l) = LANE_OF(v_left, l); }
-            }
+        F(solve_or_note)(problem, F(factors_of_stage), step->x_end, &step->x_end[nq], kp, kd, times, step->factors);
+        F(advance)(nq + nv, last, method->c[last], inverse, increments, apart, step->dx_end, right);
+        for (int i = 0; i < nq + nv; ++i) { right[i] = times[0] * right[i] - increments[last * apart + i]; }
+        (void)robot->stage_solution(h, step->factors, &right[nq], right, w);
+        for (int i = 0; i < nv; ++i) {
+            const REAL v_left = right[nq + i] + w[i];
+            if (i < nq) { F(enlarge)(right[i] + times[0] * v_left, &step->error[i]); }
+            F(enlarge)(v_left, &step->error[nq + i]);
         }
     }
 }
@@ -224,29 +240,31 @@ EOM_IN_PLACE void F(rosenbrock_step)(const F(problem) *restrict problem, const E
 EOM_IN_PLACE void F(explicit_step)(const F(problem) *restrict problem, const EOM(explicit_method) *restrict method, REAL dt, const F(step) *restrict step, const EOM(tolerance) *restrict allowed, double *restrict stiffness, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
-    const int n = N_OF(robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
-    REAL *restrict const dx = work.state; /* (stages, 2 n + 3 m) */
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(2 * nv + 3 * M_OF(robot->sizes));
+    REAL *restrict const dx = work.state; /* (stages, 2 nv + 3 m) */
     const REAL *restrict const last = &dx[method->stages * apart];
     work.state = &dx[(method->stages + 1) * apart];
-    F(copy)(2 * n, step->dx, dx);
+    F(copy)(2 * nv, step->dx, dx);
     UNROLL(6)
     for (int stage = 1; stage <= method->stages; ++stage) {
-        F(advance)(2 * n, stage, method->a[stage], dt, dx, apart, step->x, step->x_end);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[n], work.state, problem->failed); } /* redundant rows answer to violations */
+        F(advance)(2 * nv, stage, method->a[stage], dt, dx, apart, step->x, step->x_end);
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, step->x_end, &step->x_end[nq], work.state, problem->failed); } /* redundant rows answer to violations */
         F(rate)(problem, method->shares[stage], stage, step->x_end, &dx[stage * apart], work);
     }
-    F(copy)(2 * n, last, step->dx_end);
-    F(weigh)(2 * n, method->stages + 1, method->error, dx, apart, step->error);
-    for (int i = 0; i < 2 * n; ++i) { step->error[i] = dt * step->error[i]; }
+    F(copy)(2 * nv, last, step->dx_end);
+    F(weigh)(nq + nv, method->stages + 1, method->error, dx, apart, step->error);
+    for (int i = 0; i < nq + nv; ++i) { step->error[i] = dt * step->error[i]; }
     if (stiffness != NULL) {
         const REAL *const before = &dx[(method->stages - 1) * apart];
         double change = 0.0;
         double moved = 0.0;
-        for (int i = 0; i < n; ++i) {
-            const double size = (double)allowed->atol[n + i] + allowed->rtol * fabs((double)LANE_OF(step->x_end[n + i], 0));
-            const REAL change_v = last[n + i] - before[n + i];
-            const REAL change_q = last[i] - before[i];
+        for (int i = 0; i < nv; ++i) {
+            const int rate = (i < nq) ? i : (nv + i);
+            const double size = (double)allowed->atol[nq + i] + allowed->rtol * fabs((double)LANE_OF(step->x_end[nq + i], 0));
+            const REAL change_v = last[nq + i] - before[nq + i];
+            const REAL change_q = last[rate] - before[rate];
             const double by_a = (double)LANE_OF(change_v, 0) / size;
             const double by_v = (double)LANE_OF(change_q, 0) / size;
             change += by_a * by_a;
@@ -257,14 +275,13 @@ EOM_IN_PLACE void F(explicit_step)(const F(problem) *restrict problem, const EOM
 }
 
 /* Hold drives and targets that act from a sample on, in a lane. */
-EOM_LOCAL void F(hold)(const EOM(drive) *restrict drive, int n, size_t state, size_t sample, int l, REAL *restrict u, REAL *restrict target)
+EOM_LOCAL void F(hold)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, size_t state, size_t sample, int l, REAL *restrict u, REAL *restrict target)
 {
     const EOM_SCALAR *const row = &drive->u[state * drive->u_state + sample * drive->u_step];
+    (void)sizes;
     (void)l;
-    for (int i = 0; i < n; ++i) {
-        LANE_OF(u[i], l) = row[i];
-        if (drive->kp != NULL) { LANE_OF(target[i], l) = drive->target[state * drive->target_state + sample * drive->target_step + (size_t)i]; }
-    }
+    for (int i = 0; i < INPUTS_OF(sizes); ++i) { LANE_OF(u[i], l) = row[i]; }
+    for (int i = 0; (drive->kp != NULL) && (i < POSITIONS_OF(sizes)); ++i) { LANE_OF(target[i], l) = drive->target[state * drive->target_state + sample * drive->target_step + (size_t)i]; }
 }
 
 /* The place among the tolerances of number i of a lane's state. */
@@ -278,7 +295,7 @@ EOM_LOCAL int F(place_of)(const F(motion) *restrict motion, int l, int i)
  * turns: whether there are joints of three rotations, whose tolerances have other places. */
 EOM_IN_PLACE double F(greatest_error)(const F(motion) *restrict motion, const EOM(tolerance) *restrict allowed, int turns, int l, const F(step) *restrict step, int *restrict at)
 {
-    const int numbers = 2 * N_OF(motion->robot->sizes);
+    const int numbers = STATE_OF(motion->robot->sizes);
     double worst = 0.0;
     *at = (turns != 0) ? F(place_of)(motion, l, 0) : 0;
     (void)l;
@@ -308,7 +325,7 @@ EOM_LOCAL double F(first_step)(const F(motion) *restrict motion, const EOM(toler
 {
     double size = 0.0;
     double change = 0.0;
-    for (int i = 0; i < 2 * N_OF(motion->robot->sizes); ++i) {
+    for (int i = 0; i < STATE_OF(motion->robot->sizes); ++i) {
         const int place = F(place_of)(motion, l, i);
         const double x = fabs((double)LANE_OF(step->x[i], l));
         const double rate = fabs((double)LANE_OF(step->dx[i], l));
@@ -333,53 +350,56 @@ EOM_LOCAL double F(work_of_step)(const double *restrict power, int work, int l, 
 }
 
 /* What accelerations at both ends of a step of a Rosenbrock method say of velocities in between that coordinates and
- * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.  work: 4 n. */
+ * velocities there do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors.
+ * work: nq + 2 nv. */
 EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL time, REAL dt, const F(step) *restrict step, REAL *restrict work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const int nq = POSITIONS_OF(problem->motion.robot->sizes);
+    const int nv = RATES_OF(problem->motion.robot->sizes);
     REAL *restrict const right = work;
-    REAL *restrict const shifts = &right[n];
-    REAL *restrict const w = &shifts[n];
-    for (int i = 0; i < n; ++i) {
-        const REAL change = step->x_end[n + i] - step->x[n + i];
-        shifts[i] = WHOLE((EOM_SCALAR)0.0);
-        right[i] = (dt * (step->dx[n + i] + step->dx_end[n + i]) - change - change) / time;
+    REAL *restrict const shifts = &right[nv];
+    REAL *restrict const w = &shifts[nq];
+    for (int i = 0; i < nq; ++i) { shifts[i] = WHOLE((EOM_SCALAR)0.0); }
+    for (int i = 0; i < nv; ++i) {
+        const REAL change = step->x_end[nq + i] - step->x[nq + i];
+        right[i] = (dt * (step->dx[nq + i] + step->dx_end[nq + i]) - change - change) / time;
     }
     (void)problem->motion.robot->stage_solution(problem->motion.h, step->factors, right, shifts, w);
-    for (int i = 0; i < n; ++i) { step->bend[i] = time * (right[i] + w[i]); }
+    for (int i = 0; i < nv; ++i) { step->bend[i] = time * (right[i] + w[i]); }
 }
 
 /* Dense output, a lane's state at a share of its step: of an explicit method the polynomial of degree 5 with its coordinates,
- * velocities and accelerations, of a Rosenbrock method the cubic without the latter, and what is bent, of Radau IIA the one
- * through its stages. */
-EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
+ * or integrals of internal states, velocities and accelerations, of a Rosenbrock method the cubic without the latter, and what is
+ * bent, of Radau IIA the one through its stages. */
+EOM_LOCAL void F(dense_output)(const EOM(sizes) *restrict sizes, double share, double length, int l, int method, const F(step) *restrict step, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out)
 {
     const double s = share;
     const int kind = eom_error_controls[method].kind;
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
+    const int apart = PADDED_TO_BLOCKS(nq + nv);
+    (void)sizes;
     (void)l;
-    for (int i = 0; (kind == RADAU_KIND) && (i < n); ++i) {
-        double q = 0.0;
-        double v = 0.0;
-        for (int k = RADAU_STAGES - 1; k >= 0; --k) {
-            const REAL *const row = &step->inside[k * PADDED_TO_BLOCKS(2 * n)];
-            q = s * (q + (double)LANE_OF(row[i], l));
-            v = s * (v + (double)LANE_OF(row[n + i], l));
-        }
-        q_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[i], l) + q);
-        v_out[i] = (EOM_SCALAR)((double)LANE_OF(step->x[n + i], l) + v);
+    for (int i = 0; (kind == RADAU_KIND) && (i < nq + nv); ++i) {
+        EOM_SCALAR *const out = (i < nq) ? &q_out[i] : &v_out[i - nq];
+        double change = 0.0;
+        UNROLL(5)
+        for (int k = RADAU_STAGES - 1; k >= 0; --k) { change = s * (change + (double)LANE_OF(step->inside[k * apart + i], l)); }
+        *out = (EOM_SCALAR)((double)LANE_OF(step->x[i], l) + change);
     }
-    for (int i = 0; (kind != RADAU_KIND) && (i < n); ++i) {
-        const double q0 = (double)LANE_OF(step->x[i], l);
-        const double d = (double)LANE_OF(step->x_end[i], l) - q0;
-        const double v0 = length * (double)LANE_OF(step->x[n + i], l);
-        const double v1 = length * (double)LANE_OF(step->x_end[n + i], l);
+    for (int i = 0; (kind != RADAU_KIND) && (i < nv); ++i) {
+        const int integral = (i < nq) ? i : (nv + i);
+        const double q0 = (double)LANE_OF(step->x[integral], l);
+        const double d = (double)LANE_OF(step->x_end[integral], l) - q0;
+        const double v0 = length * (double)LANE_OF(step->x[nq + i], l);
+        const double v1 = length * (double)LANE_OF(step->x_end[nq + i], l);
         double c2 = 3.0 * d - 2.0 * v0 - v1;
         double c3 = v0 + v1 - 2.0 * d;
         double c4 = 0.0;
         double c5 = 0.0;
         if (kind == EXPLICIT_KIND) {
-            const double a0 = 0.5 * length * length * (double)LANE_OF(step->dx[n + i], l);
-            const double a1 = 0.5 * length * length * (double)LANE_OF(step->dx_end[n + i], l);
+            const double a0 = 0.5 * length * length * (double)LANE_OF(step->dx[nq + i], l);
+            const double a1 = 0.5 * length * length * (double)LANE_OF(step->dx_end[nq + i], l);
             c2 = a0;
             c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
@@ -391,7 +411,7 @@ EOM_LOCAL void F(dense_output)(double share, double length, int n, int l, int me
         }
         const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
         const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / length;
-        q_out[i] = (EOM_SCALAR)place;
+        if (i < nq) { q_out[i] = (EOM_SCALAR)place; }
         v_out[i] = (EOM_SCALAR)rate;
     }
 }
@@ -433,16 +453,17 @@ EOM_LOCAL int F(works_are_doubtful)(const double *restrict power, const double *
  * little. */
 EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int method, double from, double to, double rtol, const F(step) *restrict step, double *restrict works, F(workspace) work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const EOM(sizes) *const sizes = problem->motion.robot->sizes;
+    const int nx = STATE_OF(sizes);
     const double length = problem->clock.step[l];
     const double *const power = &problem->clock.power[INSIDE_STAGE * EOM_WORKS * (int)WIDTH + l];
     REAL *const x_here = work.state;
-    REAL *const dx_here = &x_here[PADDED_TO_BLOCKS(2 * n)];
-    EOM_SCALAR *const output = (EOM_SCALAR *)(void *)&dx_here[PADDED_TO_BLOCKS(2 * n + 3 * M_OF(problem->motion.robot->sizes))];
+    REAL *const dx_here = &x_here[PADDED_TO_BLOCKS(nx)];
+    EOM_SCALAR *const output = (EOM_SCALAR *)(void *)&dx_here[PADDED_TO_BLOCKS(2 * RATES_OF(sizes) + 3 * M_OF(sizes))];
     double last[EOM_WORKS];
     double sum[EOM_WORKS];
     int settled = 0;
-    work.state = (REAL *)(void *)output + PADDED_TO_BLOCKS(2 * n);
+    work.state = (REAL *)(void *)output + PADDED_TO_BLOCKS(nx);
     (void)memset(last, 0, sizeof last);
     for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
         const double width = (to - from) / (double)pieces;
@@ -452,8 +473,8 @@ EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int
         for (int k = 0; k < 5 * pieces; ++k) {
             const int piece = k / 5;
             const double share = from + width * ((double)piece + eom_gauss_nodes[k % 5]);
-            F(dense_output)(share, length, n, l, method, step, output, &output[n]);
-            for (int i = 0; i < 2 * n; ++i) {
+            F(dense_output)(sizes, share, length, l, method, step, output, &output[POSITIONS_OF(sizes)]);
+            for (int i = 0; i < nx; ++i) {
                 x_here[i] = step->x_end[i];
                 LANE_OF(x_here[i], l) = output[i];
             }
@@ -511,10 +532,10 @@ EOM_LOCAL int F(judge)(eom_progress *restrict p, double excess, double order, do
 EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *restrict length, double duration, int *restrict going, int *restrict taken, const F(step) *restrict step, const size_t *restrict place, eom_progress *restrict progress, REAL *restrict work)
 {
     const EOM(sizes) *const sizes = motion->robot->sizes;
-    const int n = N_OF(sizes);
-    const int statuses = 2 * n + 3 * M_OF(sizes);
+    const int nx = STATE_OF(sizes);
+    const int statuses = 2 * RATES_OF(sizes) + 3 * M_OF(sizes);
     REAL *const x_try = work;
-    REAL *const h_try = &x_try[2 * n];
+    REAL *const h_try = &x_try[nx];
     REAL *const rest = &h_try[sizes->hoisted];
     int ended = 0;
     int opened = 1;
@@ -525,14 +546,14 @@ EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *r
         }
         opened = 0;
         if (one >= 0) {
-            (void)memcpy(x_try, step->x_end, (size_t)(2 * n) * sizeof *x_try);
+            (void)memcpy(x_try, step->x_end, (size_t)nx * sizeof *x_try);
             (void)memcpy(h_try, motion->h, (size_t)sizes->hoisted * sizeof *h_try);
             for (int l = 0; l < (int)WIDTH; ++l) {
-                for (int i = 0; (i < 2 * n) && (taken[l] == 0); ++i) { LANE_OF(x_try[i], l) = LANE_OF(step->x_end[i], one); }
+                for (int i = 0; (i < nx) && (taken[l] == 0); ++i) { LANE_OF(x_try[i], l) = LANE_OF(step->x_end[i], one); }
                 for (int i = 0; (i < sizes->hoisted) && (taken[l] == 0); ++i) { LANE_OF(h_try[i], l) = LANE_OF(motion->h[i], one); }
             }
-            opened = F(assemble)(motion->robot, h_try, x_try, &x_try[n], rest, NULL);
-            if (opened == 0) { (void)memcpy(step->x_end, x_try, (size_t)(2 * n) * sizeof *x_try); }
+            opened = F(assemble)(motion->robot, h_try, x_try, &x_try[POSITIONS_OF(sizes)], rest, NULL);
+            if (opened == 0) { (void)memcpy(step->x_end, x_try, (size_t)nx * sizeof *x_try); }
         }
         if (opened != 0) {
             const int said = (WIDTH > 1) ? ((opened - 1) / statuses) : one;
@@ -543,7 +564,7 @@ EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *r
             p->refused = 1;
             p->next = 0.25 * length[l];
             if (p->next <= 1e-14 * duration) {
-                p->reason = 2 + 2 * n + (opened - 1) % statuses;
+                p->reason = 2 + nx + (opened - 1) % statuses;
                 going[l] = 0;
                 ended += 1;
             }

@@ -125,8 +125,8 @@ EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
 /* Write q and v as described, angles as they were last told. */
 EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
 {
-    (void)memcpy(q_told, q, (size_t)N_OF(sizes) * sizeof *q);
-    (void)memcpy(v_told, v, (size_t)N_OF(sizes) * sizeof *v);
+    (void)memcpy(q_told, q, (size_t)POSITIONS_OF(sizes) * sizeof *q);
+    (void)memcpy(v_told, v, (size_t)RATES_OF(sizes) * sizeof *v);
     for (int l = 0; l < (int)WIDTH; ++l) {
         for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
             const int joint = l * ROTATIONS_OF(sizes) + k;
@@ -141,8 +141,8 @@ EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *re
 /* Write q and v as described, of a state between those at which charts change. */
 EOM_LOCAL void F(describe_near)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
 {
-    (void)memcpy(q_told, q, (size_t)N_OF(sizes) * sizeof *q);
-    (void)memcpy(v_told, v, (size_t)N_OF(sizes) * sizeof *v);
+    (void)memcpy(q_told, q, (size_t)POSITIONS_OF(sizes) * sizeof *q);
+    (void)memcpy(v_told, v, (size_t)RATES_OF(sizes) * sizeof *v);
     for (int l = 0; l < (int)WIDTH; ++l) {
         for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
             const int joint = l * ROTATIONS_OF(sizes) + k;
@@ -157,16 +157,15 @@ EOM_LOCAL void F(describe_near)(const EOM(sizes) *restrict sizes, const F(charts
     }
 }
 
-/* Write a row of a lane as described; its angles follow those of the row before.  work: 2 n. */
+/* Write a row of a lane as described; its angles follow those of the row before.  work: nq + nv. */
 EOM_LOCAL void F(describe_row)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, int l, EOM_SCALAR *restrict q_row, EOM_SCALAR *restrict v_row, REAL *restrict work)
 {
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
     REAL *const q = work;
-    REAL *const v = &work[n];
-    for (int i = 0; i < n; ++i) {
-        q[i] = WHOLE(q_row[i]);
-        v[i] = WHOLE(v_row[i]);
-    }
+    REAL *const v = &work[nq];
+    for (int i = 0; i < nq; ++i) { q[i] = WHOLE(q_row[i]); }
+    for (int i = 0; i < nv; ++i) { v[i] = WHOLE(v_row[i]); }
     for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
         const int joint = l * ROTATIONS_OF(sizes) + k;
         EOM_SCALAR angle[3];
@@ -176,10 +175,8 @@ EOM_LOCAL void F(describe_row)(const EOM(sizes) *restrict sizes, F(charts) *rest
         EOM(other_angles)(2, angle, told);
         F(change_axes)(sizes, k, 2, l, angle, told, q, v);
     }
-    for (int i = 0; i < n; ++i) {
-        q_row[i] = LANE_OF(q[i], l);
-        v_row[i] = LANE_OF(v[i], l);
-    }
+    for (int i = 0; i < nq; ++i) { q_row[i] = LANE_OF(q[i], l); }
+    for (int i = 0; i < nv; ++i) { v_row[i] = LANE_OF(v[i], l); }
 }
 
 /* Make forces on described coordinates forces on those that there are: of the same power. */
@@ -244,7 +241,7 @@ EOM_LOCAL void F(begin_charts)(const EOM(sizes) *restrict sizes, const REAL *res
 EOM_LOCAL size_t F(kept_of_charts)(const EOM(sizes) *restrict sizes)
 {
     (void)sizes;
-    return (size_t)(1 + 4 * ROTATIONS_OF(sizes) + 2 * N_OF(sizes));
+    return (size_t)(1 + 4 * ROTATIONS_OF(sizes) + STATE_OF(sizes));
 }
 
 /* Go on where a rollout has ended that kept its charts, if one has. */
@@ -257,10 +254,8 @@ EOM_LOCAL void F(resume_charts)(const EOM(sizes) *restrict sizes, const EOM(driv
         const EOM_SCALAR *const kept = &drive->turned[place[l] * size + 1U];
         for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > (EOM_SCALAR)0.0) ? 1 : 0; }
         for (int i = 0; i < 3 * count; ++i) { charts->told[3 * l * count + i] = kept[count + i]; }
-        for (int i = 0; i < N_OF(sizes); ++i) {
-            LANE_OF(q[i], l) = kept[4 * count + i];
-            LANE_OF(v[i], l) = kept[4 * count + N_OF(sizes) + i];
-        }
+        for (int i = 0; i < POSITIONS_OF(sizes); ++i) { LANE_OF(q[i], l) = kept[4 * count + i]; }
+        for (int i = 0; i < RATES_OF(sizes); ++i) { LANE_OF(v[i], l) = kept[4 * count + POSITIONS_OF(sizes) + i]; }
         F(set_up)(sizes, charts, l);
     }
 }
@@ -275,10 +270,8 @@ EOM_LOCAL void F(keep_charts)(const EOM(sizes) *restrict sizes, const EOM(drive)
         kept[0] = (EOM_SCALAR)1.0;
         for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)0.0; }
         for (int i = 0; i < 3 * count; ++i) { kept[1 + count + i] = charts->told[3 * l * count + i]; }
-        for (int i = 0; i < N_OF(sizes); ++i) {
-            kept[1 + 4 * count + i] = LANE_OF(q[i], l);
-            kept[1 + 4 * count + N_OF(sizes) + i] = LANE_OF(v[i], l);
-        }
+        for (int i = 0; i < POSITIONS_OF(sizes); ++i) { kept[1 + 4 * count + i] = LANE_OF(q[i], l); }
+        for (int i = 0; i < RATES_OF(sizes); ++i) { kept[1 + 4 * count + POSITIONS_OF(sizes) + i] = LANE_OF(v[i], l); }
     }
 }
 
@@ -302,28 +295,28 @@ EOM_LOCAL int F(described_place)(const EOM(sizes) *restrict sizes, const F(chart
     int place = i;
     for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
         const int origin = sizes->origin_at[k];
-        const int axis = i % N_OF(sizes) - origin;
+        const int axis = ((i < POSITIONS_OF(sizes)) ? i : (i - POSITIONS_OF(sizes))) - origin;
         if ((charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) && (origin >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 1) % 3; }
     }
     return place;
 }
 
 /* Generalized forces of wrenches on the coordinates that there are; q as described, q_here as joints are turned.  Forces on the
- * coordinates of a joint are those of a state in which it is turned or not; other joints do not matter.  work: 5 n + wrench. */
+ * coordinates of a joint are those of a state in which it is turned or not; other joints do not matter.  work: 3 nq + wrench. */
 EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const EOM(inputs) *restrict inputs, const EOM_SCALAR *here, eom_instant at, const double *restrict q, const double *restrict q_here, const int *restrict is_turned, double *restrict force, EOM_SCALAR *restrict work)
 {
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
     const int count = ROTATIONS_OF(sizes);
     EOM_SCALAR *const position = work;
-    EOM_SCALAR *const pushed = &work[n];
-    EOM_SCALAR *const other = &work[2 * n];
-    EOM_SCALAR *const total = &work[3 * n];
+    EOM_SCALAR *const pushed = &work[nq];
+    EOM_SCALAR *const other = &work[2 * nq];
+    EOM_SCALAR *const total = &work[3 * nq];
     int turned = 0;
     for (int k = 0; k < count; ++k) { turned += is_turned[k]; }
-    for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q[i]; }
+    for (int i = 0; i < nq; ++i) { position[i] = (EOM_SCALAR)q[i]; }
     eom_wrenches_at(inputs, sizes->wrench, at, position, total);
     if (inputs->force_h == NULL) {
-        for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
+        for (int i = 0; i < nq; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
         (void)inputs->external_force(here, position, total, pushed);
         turned = 0;
     } else if (turned < count) {
@@ -332,7 +325,7 @@ EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const E
         (void)here;
     }
     if (turned > 0) {
-        for (int i = 0; i < n; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
+        for (int i = 0; i < nq; ++i) { position[i] = (EOM_SCALAR)q_here[i]; }
         for (int k = 0; k < count; ++k) {
             const int angles = sizes->angles_at[k];
             const int origin = sizes->origin_at[k];
@@ -350,7 +343,7 @@ EOM_LOCAL void F(turned_wrench_forces)(const EOM(sizes) *restrict sizes, const E
             if (is_turned[k] != 0) { continue; }
             for (int i = begin; i < sizes->angles_at[k] + 3; ++i) { other[i] = pushed[i]; }
         }
-        (void)memcpy(pushed, other, (size_t)n * sizeof *pushed);
+        (void)memcpy(pushed, other, (size_t)nq * sizeof *pushed);
     }
-    for (int i = 0; i < n; ++i) { force[i] = (double)pushed[i]; }
+    for (int i = 0; i < nq; ++i) { force[i] = (double)pushed[i]; }
 }

@@ -3,20 +3,20 @@
 /* Drives, held over a step or from a sample to the next (zero-order hold): u + kp (target - q) - kd v.  Those of state s
  * from sample k on lie at s * u_state + k * u_step.  kp, kd and target may be NULL together. */
 typedef struct {
-    const EOM_SCALAR *u; /* n, N or Nm */
+    const EOM_SCALAR *u; /* nu, N or Nm, or units of drives' inputs */
     size_t u_state;
     size_t u_step;
-    const EOM_SCALAR *kp;     /* n, N/m or Nm/rad */
-    const EOM_SCALAR *kd;     /* n, N s/m or Nm s/rad */
-    const EOM_SCALAR *target; /* n, m or rad */
+    const EOM_SCALAR *kp;     /* nu, N/m or Nm/rad */
+    const EOM_SCALAR *kd;     /* nu, N s/m or Nm s/rad */
+    const EOM_SCALAR *target; /* nq, m or rad */
     size_t target_state;
     size_t target_step;
-    const EOM_SCALAR *effort; /* NULL, or n limits, N or Nm, at which drives saturate, infinite where there is none */
+    const EOM_SCALAR *effort; /* NULL, or nu limits, N or Nm, at which drives saturate, infinite where there is none */
     EOM_SCALAR *turned;       /* NULL, or per state how joints of three rotations are turned, kept for what goes on */
 } EOM(drive);
 
 /* What an energy balance needs of a robot: its passive forces, those of drives with states, NULL without any, and the forces
- * that a motion needs, by its inverse dynamics, or with closed loops by its residual. */
+ * that a motion needs, by its inverse dynamics, or with closed loops by its residual: nv each, whose power is that by v. */
 typedef struct {
     int (*generalized_force)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, EOM_SCALAR *out);
     const EOM_SCALAR *passive_h;
@@ -58,14 +58,14 @@ typedef struct {
     const EOM_SCALAR *pose_along_h;
     int (*pose_by)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *dp, EOM_SCALAR *out);
     const EOM_SCALAR *pose_by_h;
-    const double *effort; /* NULL, or n limits, N or Nm, at which drives and these inputs' drives together saturate */
+    const double *effort; /* NULL, or nu limits, N or Nm, at which drives and these inputs' drives together saturate */
     const EOM_SCALAR *force_turned; /* h of external_force with all joints of three rotations turned */
 } EOM(inputs);
 
 /* Error control: the error of each number of the state is at most atol + rtol times its size. */
 typedef struct {
     double rtol;
-    const EOM_SCALAR *atol; /* 2 n, of q, then of v */
+    const EOM_SCALAR *atol; /* nq + nv, of q, then of v */
     long long most;         /* steps in one call */
 } EOM(tolerance);
 

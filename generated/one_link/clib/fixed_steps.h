@@ -1,18 +1,19 @@
 /* fixed_steps.h: steps of fixed length, of one state or of one in every lane. */
 
-/* Forces u + kp (target - q - ahead v) - kd v of drives at a step, saturated; slope as of saturate.  work: n. */
+/* Forces u + kp (target - q - ahead v) - kd v of drives at a step, saturated; slope as of saturate.  work: nq. */
 EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, size_t here, size_t step, const REAL *restrict q, const REAL *restrict v, EOM_SCALAR ahead, REAL *restrict u, REAL *restrict slope, REAL *restrict work)
 {
     const EOM(drive) *const drive = motion->drive;
     const EOM(sizes) *const sizes = motion->robot->sizes;
-    const int n = N_OF(sizes);
-    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, n, u);
+    const int nq = POSITIONS_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
+    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, nu, u);
     if (ROTATIONS_OF(sizes) > 0) { F(turn_forces)(sizes, motion->charts, q, u); }
     if (drive->kp != NULL) {
-        F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, n, work);
-        for (int i = 0; i < n; ++i) { u[i] += drive->kp[i] * (work[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
+        F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, nq, work);
+        for (int i = 0; i < nq; ++i) { u[i] += drive->kp[i] * (work[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
     }
-    if (drive->effort != NULL) { F(saturate)(drive, n, u, slope); }
+    if (drive->effort != NULL) { F(saturate)(drive, nu, u, slope); }
 }
 
 /* Begin a step at a time, with the row of drives that it holds, where there are inputs; at its ends signals are asked a little
@@ -22,7 +23,6 @@ EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, s
     F(clock) *const clock = &problem->clock;
     const EOM(inputs) *const inputs = clock->inputs[0];
     const EOM(drive) *const drive = problem->motion.drive;
-    const int n = N_OF(problem->motion.robot->sizes);
     const size_t here = (size_t)clock->here;
     const double aside = 1e-3 * (end - begin);
     const double near = 1e-3 * aside; /* sums of steps are not quite where signals jump */
@@ -39,8 +39,8 @@ EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, s
         clock->after[l] = after;
         clock->before[l] = before;
     }
-    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, n, u);
-    if (drive->kp != NULL) { F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, n, target); }
+    F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, INPUTS_OF(problem->motion.robot->sizes), u);
+    if (drive->kp != NULL) { F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, POSITIONS_OF(problem->motion.robot->sizes), target); }
     problem->u = u;
     problem->target = target;
 }
@@ -52,36 +52,40 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
     const EOM(explicit_method) *const method = &eom_explicit_methods[0];
     const F(motion) *const motion = &problem->motion;
     const F(robot) *const robot = motion->robot;
-    const int n = N_OF(robot->sizes);
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
+    const int nx = nq + nv;
     REAL *restrict const u = work.state;
-    REAL *restrict const x_here = &u[PADDED_TO_BLOCKS(n)];
-    REAL *restrict const sum = &x_here[PADDED_TO_BLOCKS(2 * n)];
-    REAL *restrict const a = &sum[PADDED_TO_BLOCKS(2 * n)]; /* n + 3 m, as what loops violate stands behind it */
-    work.state = &a[n + 3 * M_OF(robot->sizes)];
-    F(copy)(2 * n, x, x_here);
-    for (int i = 0; i < 2 * n; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
+    REAL *restrict const x_here = &u[PADDED_TO_BLOCKS(INPUTS_OF(robot->sizes))];
+    REAL *restrict const sum = &x_here[PADDED_TO_BLOCKS(nx)];
+    REAL *restrict const a = &sum[PADDED_TO_BLOCKS(nx)]; /* nv + 3 m, as what loops violate stands behind it */
+    work.state = &a[nv + 3 * M_OF(robot->sizes)];
+    F(copy)(nx, x, x_here);
+    for (int i = 0; i < nx; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
     for (int stage = 0; stage < 4; ++stage) {
         const EOM_SCALAR weight = (EOM_SCALAR)6.0 * method->a[4][stage]; /* whole numbers, by which sums are rounded once */
         const EOM_SCALAR ahead = (stage < 3) ? method->a[stage + 1][stage] : (EOM_SCALAR)0.0;
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
-            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[n], work.state, NULL);
+            const int opened = F(assemble)(robot, motion->h, x_here, &x_here[nq], work.state, NULL);
             if (opened != 0) { return opened; }
         }
         if (problem->clock.inputs[0] == NULL) {
-            F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[n], (EOM_SCALAR)0.0, u, NULL, work.state);
+            F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], (EOM_SCALAR)0.0, u, NULL, work.state);
         } else {
-            F(forces)(problem, method->shares[stage], 0, x_here, &x_here[n], u, NULL, work);
+            F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work);
         }
-        const int status = robot->forward_dynamics(motion->h, x_here, &x_here[n], u, a);
+        const int status = robot->forward_dynamics(motion->h, x_here, &x_here[nq], u, a);
         if (status != 0) { return status; }
-        for (int i = 0; i < n; ++i) {
-            sum[i] += weight * x_here[n + i];
-            sum[n + i] += weight * a[i];
-            x_here[i] = x[i] + ahead * dt * x_here[n + i];
-            x_here[n + i] = x[n + i] + ahead * dt * a[i];
+        for (int i = 0; i < nq; ++i) {
+            sum[i] += weight * x_here[nq + i];
+            x_here[i] = x[i] + ahead * dt * x_here[nq + i];
+        }
+        for (int i = 0; i < nv; ++i) {
+            sum[nq + i] += weight * a[i];
+            x_here[nq + i] = x[nq + i] + ahead * dt * a[i];
         }
     }
-    for (int i = 0; i < 2 * n; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }
+    for (int i = 0; i < nx; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }
     return 0;
 }
 
@@ -91,40 +95,40 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
 {
     const F(motion) *const motion = &problem->motion;
     const EOM(drive) *const drive = motion->drive;
-    const int n = N_OF(motion->robot->sizes);
+    const int nq = POSITIONS_OF(motion->robot->sizes);
+    const int nv = RATES_OF(motion->robot->sizes);
+    const int nu = INPUTS_OF(motion->robot->sizes);
     REAL *const q = x;
-    REAL *const v = &x[n];
+    REAL *const v = &x[nq];
     REAL *restrict const u = work.state;
-    REAL *restrict const a = &u[PADDED_TO_BLOCKS(n)];
-    REAL *restrict const added = &a[PADDED_TO_BLOCKS(n)];
-    REAL *restrict const slope = &added[n];
+    REAL *restrict const a = &u[PADDED_TO_BLOCKS(nu)];
+    REAL *restrict const added = &a[PADDED_TO_BLOCKS(nv)];
+    REAL *restrict const slope = &added[nu];
     REAL times[2];
-    work.state = &slope[n];
+    work.state = &slope[nu];
     times[0] = WHOLE(dt);
     times[1] = WHOLE(dt * dt);
     if (problem->clock.inputs[0] == NULL) {
-        for (int i = 0; i < n; ++i) { added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
+        for (int i = 0; i < nu; ++i) { added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
         F(held_forces)(motion, state, (size_t)problem->clock.here, step, q, v, dt, u, slope, work.state);
-        for (int i = 0; (drive->effort != NULL) && (i < n); ++i) { added[i] *= slope[i]; }
+        for (int i = 0; (drive->effort != NULL) && (i < nu); ++i) { added[i] *= slope[i]; }
     } else {
         REAL *restrict const x_end = work.state;
-        work.state = &x_end[PADDED_TO_BLOCKS(2 * n)];
+        work.state = &x_end[PADDED_TO_BLOCKS(nq + nv)];
         F(control_gains)(problem, added, slope);
-        for (int i = 0; i < n; ++i) {
+        for (int i = 0; i < nu; ++i) {
             added[i] = dt * (slope[i] + dt * added[i]);
             slope[i] = WHOLE((EOM_SCALAR)1.0);
-            x_end[i] = q[i] + dt * v[i];
-            x_end[n + i] = v[i];
         }
-        F(forces)(problem, 1.0, 0, x_end, &x_end[n], u, slope, work);
-        for (int i = 0; i < n; ++i) { added[i] *= slope[i]; }
+        for (int i = 0; i < nq; ++i) { x_end[i] = q[i] + dt * v[i]; }
+        for (int i = 0; i < nv; ++i) { x_end[nq + i] = v[i]; }
+        F(forces)(problem, 1.0, 0, x_end, &x_end[nq], u, slope, work);
+        for (int i = 0; i < nu; ++i) { added[i] *= slope[i]; }
     }
     const int status = motion->robot->implicit_step(motion->h, q, v, u, added, times, a);
     if (status != 0) { return status; }
-    for (int i = 0; i < n; ++i) {
-        v[i] += dt * a[i];
-        q[i] += dt * v[i];
-    }
+    for (int i = 0; i < nv; ++i) { v[i] += dt * a[i]; }
+    for (int i = 0; i < nq; ++i) { q[i] += dt * v[i]; }
     return 0;
 }
 
@@ -133,10 +137,11 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
 EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, size_t state, size_t here, EOM_SCALAR dt, size_t steps, size_t every, int method, REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;
-    const int n = N_OF(sizes);
-    const int statuses = n + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + n) : 0);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
+    const int statuses = nv + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + nv) : 0);
     const long long statuses_of_a_step = (long long)statuses * (long long)WIDTH;
-    const size_t stride = (steps / every + 1U) * (size_t)n;
+    const size_t rows = steps / every + 1U;
     F(charts) charts;
     F(problem) problem;
     F(motion) *const motion = &problem.motion;
@@ -155,20 +160,20 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     for (int l = 0; l < (int)WIDTH; ++l) { problem.clock.inputs[l] = inputs; }
     if (inputs != NULL) {
         u = work.state;
-        target = &u[PADDED_TO_BLOCKS(n)];
-        work.state = &target[PADDED_TO_BLOCKS(n)];
+        target = &u[PADDED_TO_BLOCKS(INPUTS_OF(sizes))];
+        work.state = &target[PADDED_TO_BLOCKS(nq)];
     }
-    F(store)(x, here, stride, n, q_out);
-    F(store)(&x[n], here, stride, n, v_out);
+    F(store)(x, here, rows * (size_t)nq, nq, q_out);
+    F(store)(&x[nq], here, rows * (size_t)nv, nv, v_out);
     if (ROTATIONS_OF(sizes) > 0) {
         for (size_t l = 0; l < (size_t)WIDTH; ++l) { place[l] = state + ((l < here) ? l : (here - 1U)); }
         F(carve_charts)(sizes, &charts, &work);
         told = work.state;
-        work.state += 2 * n;
+        work.state += nq + nv;
         motion->charts = &charts;
         motion->h = charts.h;
-        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[n]);
-        F(resume_charts)(sizes, drive, place, &charts, x, &x[n]);
+        F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[nq]);
+        F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
     for (size_t step = 0; step < steps; ++step) {
         if (inputs != NULL) { F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first + (double)(step + 1U) * (double)dt, u, target); }
@@ -178,16 +183,16 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
             F(put_prescribed)(&problem, l, (M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : F(instant_at)(&problem.clock, l, 1.0), x, work.input);
         }
         if (M_OF(sizes) > 0) {
-            const int opened = F(assemble)(robot, motion->h, x, &x[n], work.state, NULL);
+            const int opened = F(assemble)(robot, motion->h, x, &x[nq], work.state, NULL);
             if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }
         }
-        if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[n]); }
+        if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[nq]); }
         if ((step + 1U) % every == 0U) {
-            if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, x, &x[n], told, &told[n]); }
-            F(store)(told, here, stride, n, &q_out[(step + 1U) / every * (size_t)n]);
-            F(store)(&told[n], here, stride, n, &v_out[(step + 1U) / every * (size_t)n]);
+            if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, x, &x[nq], told, &told[nq]); }
+            F(store)(told, here, rows * (size_t)nq, nq, &q_out[(step + 1U) / every * (size_t)nq]);
+            F(store)(&told[nq], here, rows * (size_t)nv, nv, &v_out[(step + 1U) / every * (size_t)nv]);
         }
     }
-    if (ROTATIONS_OF(sizes) > 0) { F(keep_charts)(sizes, drive, place, here, &charts, x, &x[n]); }
+    if (ROTATIONS_OF(sizes) > 0) { F(keep_charts)(sizes, drive, place, here, &charts, x, &x[nq]); }
     return -1;
 }

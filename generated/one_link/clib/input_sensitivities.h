@@ -100,16 +100,16 @@ EOM_LOCAL void eom_prescribed_adjoint(const eom_prescribed *restrict motions, in
 /* Go back from a state into which prescribed motions were put. */
 EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
 {
-    const int n = EOM(size_of)(interval);
+    const int nq = EOM(positions_of)(interval);
     double *const by = interval->room.input;
-    (void)memset(by, 0, (size_t)(3 * n) * sizeof *by);
+    (void)memset(by, 0, (size_t)(3 * nq) * sizeof *by);
     for (int i = 0; i < motions->size; ++i) {
         by[i] = (double)by_q[motions->place[i]];
-        by[n + i] = (double)by_v[motions->place[i]];
+        by[nq + i] = (double)by_v[motions->place[i]];
         by_q[motions->place[i]] = (EOM_SCALAR)0.0;
         by_v[motions->place[i]] = (EOM_SCALAR)0.0;
     }
-    eom_prescribed_adjoint(motions, n, at, by, slopes->loads, &by[3 * n]);
+    eom_prescribed_adjoint(motions, nq, at, by, slopes->loads, &by[3 * nq]);
 }
 
 /* The same at a share of the step, if any are prescribed. */
@@ -149,22 +149,22 @@ EOM_LOCAL void EOM(framed_wrench_adjoint)(const eom_wrench *restrict wrench, con
 }
 
 /* Add what wrenches do, by weights of the forces that they make, to derivatives by where they act, by their signals and by
- * parameters.  work: 4 n + 2 wrench + 2 parameters + poses. */
+ * parameters.  work: 4 nq + 2 wrench + 2 parameters + poses. */
 EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict position, const double *restrict weight, double *restrict by_position, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int n = N_OF(sizes);
-    const int behind = n + sizes->wrench;
+    const int nq = POSITIONS_OF(sizes);
+    const int behind = nq + sizes->wrench;
     EOM_SCALAR *const q = work;
-    EOM_SCALAR *const total = &q[n];
+    EOM_SCALAR *const total = &q[nq];
     EOM_SCALAR *const pushed = &total[sizes->wrench];
-    EOM_SCALAR *const gradient = &pushed[n];
+    EOM_SCALAR *const gradient = &pushed[nq];
     EOM_SCALAR *const by_poses = &gradient[behind + sizes->parameters];
     EOM_SCALAR *const turned = &by_poses[KNOWN(interval->derivatives)->poses];
     int framed = 0;
     (void)memset(by_poses, 0, (size_t)KNOWN(interval->derivatives)->poses * sizeof *by_poses);
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nq; ++i) {
         q[i] = (EOM_SCALAR)position[i];
         pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
     }
@@ -176,7 +176,7 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
         double row[6];
         double by_row[6];
         eom_wrench_at(wrench, at, row);
-        for (int i = 0; i < 6; ++i) { by_row[i] = (double)gradient[n + 6 * wrench->link + i]; }
+        for (int i = 0; i < 6; ++i) { by_row[i] = (double)gradient[nq + 6 * wrench->link + i]; }
         if (wrench->frame >= 0) {
             EOM_SCALAR pose[16];
             framed = 1;
@@ -187,10 +187,10 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
     }
     if (framed != 0) {
         (void)inputs->pose_back(inputs->pose_back_h, q, by_poses, turned);
-        for (int i = 0; i < n; ++i) { gradient[i] += turned[i]; }
-        for (int i = 0; i < sizes->parameters; ++i) { gradient[behind + i] += turned[n + i]; }
+        for (int i = 0; i < nq; ++i) { gradient[i] += turned[i]; }
+        for (int i = 0; i < sizes->parameters; ++i) { gradient[behind + i] += turned[nq + i]; }
     }
-    for (int i = 0; i < n; ++i) { by_position[i] += (double)gradient[i]; }
+    for (int i = 0; i < nq; ++i) { by_position[i] += (double)gradient[i]; }
     EOM(parameters_adjoint)(interval, &gradient[behind], slopes);
 }
 
@@ -257,47 +257,48 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
     const eom_prescribed *const moved = inputs->given;
     const eom_instant at = EOM(instant_within)(interval, share);
     const eom_instant within = eom_within_span(inputs->first, inputs->last, at);
-    const int n = EOM(size_of)(interval);
+    const int nq = EOM(positions_of)(interval);
+    const int nu = EOM(inputs_of)(interval);
     double *const position = interval->room.input;
-    double *const rate = &position[n];
-    double *const prescribed = &rate[n];
-    double *const asked = &prescribed[n];
-    double *const weight = &asked[3 * n];
-    double *const pull = &weight[n];
-    double *const force = &pull[n]; /* 6 n zeros: forces, and derivatives by position, by rate and by prescribed motions */
-    double *const by_position = &force[n];
-    double *const by_rate = &by_position[n];
-    double *const by = &by_rate[n];
-    double *const rest = &by[3 * n];
-    (void)memset(force, 0, (size_t)(6 * n) * sizeof *force);
+    double *const rate = &position[nq];
+    double *const prescribed = &rate[EOM(rates_of)(interval)];
+    double *const asked = &prescribed[nu];
+    double *const weight = &asked[3 * nu];
+    double *const pull = &weight[nu];
+    double *const force = &pull[nu]; /* zeros: forces, and derivatives by position, by rate and by prescribed motions */
+    double *const by_position = &force[nu];
+    double *const by_rate = &by_position[nq];
+    double *const by = &by_rate[nq];
+    double *const rest = &by[3 * nu];
+    (void)memset(force, 0, (size_t)(rest - force) * sizeof *force);
     EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
-    for (int i = 0; i < n; ++i) { weight[i] = (double)by_u[i]; }
+    for (int i = 0; i < nu; ++i) { weight[i] = (double)by_u[i]; }
     for (int i = 0; (moved != NULL) && (i < moved->size); ++i) { /* accelerations stand in their places */
-        by[2 * n + i] = weight[moved->place[i]];
+        by[2 * nu + i] = weight[moved->place[i]];
         weight[moved->place[i]] = 0.0;
         by_u[moved->place[i]] = (EOM_SCALAR)0.0;
     }
-    (void)memcpy(pull, weight, (size_t)n * sizeof *pull);
-    for (int i = 0; i < n; ++i) {
+    (void)memcpy(pull, weight, (size_t)nu * sizeof *pull);
+    for (int i = 0; i < nu; ++i) {
         weight[i] *= (double)slope[i];
         by_u[i] *= slope[i];
     }
     if (inputs->torque != NULL) {
         for (int i = 0; i < inputs->torque->signal->columns; ++i) { rest[i] = weight[inputs->torque->place[i]]; }
-        eom_spline_adjoint(inputs->torque->signal, within, rest, &by[n], &by[n], slopes->loads->torque);
+        eom_spline_adjoint(inputs->torque->signal, within, rest, &by[nu], &by[nu], slopes->loads->torque);
     }
-    if (inputs->control != NULL) { eom_control_adjoint(inputs->control, inputs->model, n, within, position, rate, asked, weight, by_position, by_rate, &by[2 * n], slopes->loads, rest); }
-    if (inputs->wrenches > 0U) { EOM(wrenches_adjoint)(interval, within, position, pull, by_position, slopes, &interval->room.state[2 * n]); }
+    if (inputs->control != NULL) { eom_control_adjoint(inputs->control, inputs->model, nu, within, position, rate, asked, weight, by_position, by_rate, &by[2 * nu], slopes->loads, rest); }
+    if (inputs->wrenches > 0U) { EOM(wrenches_adjoint)(interval, within, position, pull, by_position, slopes, &interval->room.state[2 * nu]); }
     if (moved != NULL) { /* position and rate are where these motions are */
         for (int i = 0; i < moved->size; ++i) {
             by[i] += by_position[moved->place[i]];
-            by[n + i] += by_rate[moved->place[i]];
+            by[nu + i] += by_rate[moved->place[i]];
             by_position[moved->place[i]] = 0.0;
             by_rate[moved->place[i]] = 0.0;
         }
-        eom_prescribed_adjoint(moved, n, at, by, slopes->loads, rest);
+        eom_prescribed_adjoint(moved, nu, at, by, slopes->loads, rest);
     }
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nq; ++i) {
         by_q[i] += (EOM_SCALAR)by_position[i];
         by_v[i] += ahead * (EOM_SCALAR)by_position[i] + (EOM_SCALAR)by_rate[i];
     }
@@ -308,17 +309,17 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
 EOM_LOCAL void EOM(forces_adjoint)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict by_u, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
 {
     const EOM(drive) *const drive = interval->drive;
-    const int n = EOM(size_of)(interval);
+    const int nu = EOM(inputs_of)(interval);
     EOM_SCALAR *restrict const by_drive = &slopes->u[interval->row * drive->u_step];
     EOM_SCALAR *restrict const slope = interval->room.state;
     EOM(saturation_within)(interval, share, ahead, q, v, slope);
     if (interval->inputs != NULL) { EOM(inputs_adjoint)(interval, share, ahead, q, v, slope, by_u, by_q, by_v, slopes); }
-    for (int i = 0; (interval->inputs == NULL) && (i < n); ++i) { by_u[i] *= slope[i]; }
-    for (int i = 0; i < n; ++i) { by_drive[i] += by_u[i]; }
+    for (int i = 0; (interval->inputs == NULL) && (i < nu); ++i) { by_u[i] *= slope[i]; }
+    for (int i = 0; i < nu; ++i) { by_drive[i] += by_u[i]; }
     if (drive->kp == NULL) { return; }
     EOM_SCALAR *restrict const by_target = &slopes->target[interval->row * drive->target_step];
     const EOM_SCALAR *const target = &drive->target[interval->row * drive->target_step];
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < EOM(positions_of)(interval); ++i) {
         by_q[i] -= drive->kp[i] * by_u[i];
         by_v[i] -= (drive->kp[i] * ahead + drive->kd[i]) * by_u[i];
         by_target[i] += drive->kp[i] * by_u[i];
@@ -356,21 +357,21 @@ EOM_LOCAL void EOM(framed_wrench_tangent)(const eom_wrench *restrict wrench, con
     eom_add_cross(arm, moved_row, &moved_row[3]);
 }
 
-/* Rates of the forces that wrenches make, along those of q and of parameters.  work: 2 n + 2 wrench + 2 poses. */
+/* Rates of the forces that wrenches make, along those of q and of parameters.  work: 2 nq + 2 wrench + 2 poses. */
 EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom_instant at, const double *restrict position, const EOM_SCALAR *restrict dq, const EOM_SCALAR *restrict dp, EOM_SCALAR *restrict force, EOM_SCALAR *restrict work)
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int poses = KNOWN(interval->derivatives)->poses;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
     EOM_SCALAR *const q = work;
-    EOM_SCALAR *const more = &q[n];
-    EOM_SCALAR *const total = &more[n];
+    EOM_SCALAR *const more = &q[nq];
+    EOM_SCALAR *const total = &more[nq];
     EOM_SCALAR *const dtotal = &total[sizes->wrench];
     EOM_SCALAR *const turning = &dtotal[sizes->wrench];
     EOM_SCALAR *const turning_too = &turning[poses];
     int framed = 0;
-    for (int i = 0; i < n; ++i) { q[i] = (EOM_SCALAR)position[i]; }
+    for (int i = 0; i < nq; ++i) { q[i] = (EOM_SCALAR)position[i]; }
     (void)memset(dtotal, 0, (size_t)sizes->wrench * sizeof *dtotal);
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
     for (size_t k = 0; k < inputs->wrenches; ++k) { framed = (inputs->wrench[k].frame >= 0) ? 1 : framed; }
@@ -392,7 +393,7 @@ EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom
     }
     (void)inputs->force_along(inputs->force_along_h, q, total, dq, dtotal, force);
     (void)inputs->force_by(inputs->force_by_h, q, total, dp, more);
-    for (int i = 0; i < n; ++i) { force[i] += more[i]; }
+    for (int i = 0; i < nq; ++i) { force[i] += more[i]; }
 }
 
 /* Add rates of tracking control and computed torque along those of q and v to those of forces.  work: 4 n. */
@@ -425,31 +426,32 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     double *const position = interval->room.input;
-    double *const rate = &position[n];
-    double *const force = &rate[n];
-    double *const prescribed = &force[n];
-    double *const asked = &prescribed[n];
-    double *const rest = &asked[3 * n];
-    EOM_SCALAR *const moved = &interval->room.state[2 * n];
-    EOM_SCALAR *const speed = &moved[n];
-    EOM_SCALAR *const pushed = &speed[n];
-    (void)memset(force, 0, (size_t)n * sizeof *force);
+    double *const rate = &position[nq];
+    double *const force = &rate[RATES_OF(sizes)];
+    double *const prescribed = &force[nu];
+    double *const asked = &prescribed[nu];
+    double *const rest = &asked[3 * nu];
+    EOM_SCALAR *const moved = &interval->room.state[2 * nu];
+    EOM_SCALAR *const speed = &moved[nq];
+    EOM_SCALAR *const pushed = &speed[nq];
+    (void)memset(force, 0, (size_t)nu * sizeof *force);
     EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nq; ++i) {
         moved[i] = dq[i] + ahead * dv[i];
         speed[i] = dv[i];
-        force[i] = (double)du[i];
     }
+    for (int i = 0; i < nu; ++i) { force[i] = (double)du[i]; }
     EOM(prescribe_tangent)(interval, moved, speed);
-    if (inputs->control != NULL) { EOM(control_tangent)(inputs->control, inputs->model, n, asked, moved, speed, force, rest); }
-    for (int i = 0; i < n; ++i) { force[i] *= (double)slope[i]; }
+    if (inputs->control != NULL) { EOM(control_tangent)(inputs->control, inputs->model, nu, asked, moved, speed, force, rest); }
+    for (int i = 0; i < nu; ++i) { force[i] *= (double)slope[i]; }
     for (int i = 0; (inputs->given != NULL) && (i < inputs->given->size); ++i) { force[inputs->given->place[i]] = 0.0; }
-    for (int i = 0; i < n; ++i) { du[i] = (EOM_SCALAR)force[i]; }
+    for (int i = 0; i < nu; ++i) { du[i] = (EOM_SCALAR)force[i]; }
     if (inputs->wrenches > 0U) {
-        EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[n]);
-        for (int i = 0; i < n; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
+        EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[nq]);
+        for (int i = 0; i < nq; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
     }
 }
 
@@ -457,11 +459,11 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
 EOM_LOCAL void EOM(forces_tangent)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM(rates) *restrict rates, size_t direction, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict dq, const EOM_SCALAR *restrict dv, EOM_SCALAR *restrict du)
 {
     const EOM(drive) *const drive = interval->drive;
-    const int n = EOM(size_of)(interval);
+    const int nu = EOM(inputs_of)(interval);
     EOM_SCALAR *restrict const slope = interval->room.state;
-    (void)memcpy(du, &rates->u[direction * rates->u_direction + interval->row * rates->u_step], (size_t)n * sizeof *du);
-    for (int i = 0; (i < n) && (drive->kp != NULL); ++i) { du[i] -= drive->kp[i] * (dq[i] + ahead * dv[i]) + drive->kd[i] * dv[i]; }
+    (void)memcpy(du, &rates->u[direction * rates->u_direction + interval->row * rates->u_step], (size_t)nu * sizeof *du);
+    for (int i = 0; (i < EOM(positions_of)(interval)) && (drive->kp != NULL); ++i) { du[i] -= drive->kp[i] * (dq[i] + ahead * dv[i]) + drive->kd[i] * dv[i]; }
     EOM(saturation_within)(interval, share, ahead, q, v, slope);
     if (interval->inputs != NULL) { EOM(inputs_tangent)(interval, share, ahead, q, v, slope, dq, dv, &rates->parameters[direction * (size_t)EOM(sizes_of)(interval)->parameters], du); }
-    for (int i = 0; (interval->inputs == NULL) && (i < n); ++i) { du[i] *= slope[i]; }
+    for (int i = 0; (interval->inputs == NULL) && (i < nu); ++i) { du[i] *= slope[i]; }
 }

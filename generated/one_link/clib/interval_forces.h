@@ -24,7 +24,7 @@ typedef struct {
     double before;
     EOM_SCALAR dt;
     int method;
-    EOM(workspace) room; /* forces_room scalars: n slopes, n forces, and what wrenches need; and 24 n doubles */
+    EOM(workspace) room; /* forces_room scalars: nu slopes, nu forces, and what wrenches need; and 24 nv doubles */
 } EOM(interval);
 
 #define EOM_BESIDE 1e-3 /* of a step: where inputs jump, signals are asked that far inside for their pieces */
@@ -34,7 +34,7 @@ EOM_INLINE size_t EOM(forces_room)(const EOM(robot_derivatives) *restrict deriva
 {
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
     (void)derivatives;
-    return (size_t)(7 * N_OF(sizes) + 2 * (sizes->wrench + sizes->parameters + KNOWN(derivatives)->poses));
+    return (size_t)(7 * RATES_OF(sizes) + 2 * (sizes->wrench + sizes->parameters + KNOWN(derivatives)->poses));
 }
 
 /* Step k of a sequence; work begins with room for its forces. */
@@ -73,17 +73,29 @@ EOM_LOCAL eom_instant EOM(instant_within)(const EOM(interval) *restrict interval
     return at;
 }
 
-/* Sizes of the robot, and its number of coordinates. */
+/* Sizes of the robot, and its numbers of positions, rates and inputs. */
 EOM_INLINE const EOM(sizes) *EOM(sizes_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
     return KNOWN(interval->derivatives)->robot->sizes;
 }
 
-EOM_INLINE int EOM(size_of)(const EOM(interval) *restrict interval)
+EOM_INLINE int EOM(positions_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
-    return N_OF(EOM(sizes_of)(interval));
+    return POSITIONS_OF(EOM(sizes_of)(interval));
+}
+
+EOM_INLINE int EOM(rates_of)(const EOM(interval) *restrict interval)
+{
+    (void)interval;
+    return RATES_OF(EOM(sizes_of)(interval));
+}
+
+EOM_INLINE int EOM(inputs_of)(const EOM(interval) *restrict interval)
+{
+    (void)interval;
+    return INPUTS_OF(EOM(sizes_of)(interval));
 }
 
 /* Add a share of x to y: separate pointers, so that compilers know that numbers do not overlap. */
@@ -101,12 +113,12 @@ EOM_INLINE const eom_prescribed *EOM(prescribed_of)(const EOM(interval) *restric
 /* Put prescribed motions at a time into q and v. */
 EOM_LOCAL void EOM(prescribe)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
 {
-    const int n = EOM(size_of)(interval);
+    const int nq = EOM(positions_of)(interval);
     double *const work = interval->room.input;
-    eom_prescribed_at(motions, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    eom_prescribed_at(motions, nq, at, work, &work[nq], &work[2 * nq], &work[3 * nq]);
     for (int i = 0; i < motions->size; ++i) {
         q[motions->place[i]] = (EOM_SCALAR)work[i];
-        v[motions->place[i]] = (EOM_SCALAR)work[n + i];
+        v[motions->place[i]] = (EOM_SCALAR)work[nq + i];
     }
 }
 
@@ -118,15 +130,12 @@ EOM_INLINE void EOM(prescribe_within)(const EOM(interval) *restrict interval, do
 }
 
 /* Evaluate inputs at a share of a step: where they act, q + ahead v, what a model of computed torque is asked, and prescribed
- * accelerations; forces of the drives are added to u.  work: 5 n. */
+ * accelerations; forces of the drives are added to u.  work: 5 nu. */
 EOM_LOCAL void EOM(evaluate_inputs)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, double *restrict position, double *restrict rate, double *restrict u, double *restrict prescribed, double *restrict asked, double *restrict work)
 {
-    const int n = EOM(size_of)(interval);
-    for (int i = 0; i < n; ++i) {
-        position[i] = (double)(q[i] + ahead * v[i]);
-        rate[i] = (double)v[i];
-    }
-    eom_inputs_at(interval->inputs, n, EOM(instant_within)(interval, share), position, rate, u, prescribed, asked, work);
+    for (int i = 0; i < EOM(positions_of)(interval); ++i) { position[i] = (double)(q[i] + ahead * v[i]); }
+    for (int i = 0; i < EOM(rates_of)(interval); ++i) { rate[i] = (double)v[i]; }
+    eom_inputs_at(interval->inputs, EOM(inputs_of)(interval), EOM(instant_within)(interval, share), position, rate, u, prescribed, asked, work);
 }
 
 /* Add what inputs do at a share of a step to the forces, drives within their limits; slope, if it is not NULL, becomes 0 where
@@ -136,26 +145,26 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const eom_computed_torque *const model = (inputs->control == NULL) ? NULL : inputs->model;
-    const int n = N_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     double *const position = interval->room.input;
-    double *const rate = &position[n];
-    double *const force = &rate[n];
-    double *const prescribed = &force[n];
-    double *const asked = &prescribed[n];
-    double *const answer = &asked[3 * n];
-    double *const rest = &answer[n];
-    for (int i = 0; i < n; ++i) { force[i] = (double)u[i]; }
+    double *const rate = &position[POSITIONS_OF(sizes)];
+    double *const force = &rate[RATES_OF(sizes)];
+    double *const prescribed = &force[nu];
+    double *const asked = &prescribed[nu];
+    double *const answer = &asked[3 * nu];
+    double *const rest = &answer[nu];
+    for (int i = 0; i < nu; ++i) { force[i] = (double)u[i]; }
     EOM(evaluate_inputs)(interval, share, ahead, q, v, position, rate, force, prescribed, asked, rest);
-    if (model != NULL) { (void)model->inverse_dynamics(model->h, asked, &asked[n], &asked[2 * n], answer); }
-    eom_finish_drives(inputs, n, prescribed, answer, force, rest);
+    if (model != NULL) { (void)model->inverse_dynamics(model->h, asked, &asked[nu], &asked[2 * nu], answer); }
+    eom_finish_drives(inputs, nu, prescribed, answer, force, rest);
     if (slope != NULL) {
-        for (int i = 0; i < n; ++i) { slope[i] = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)rest[i]; }
+        for (int i = 0; i < nu; ++i) { slope[i] = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)rest[i]; }
     }
     if (inputs->wrenches > 0U) {
-        eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), position, rest, &interval->room.state[2 * n]);
+        eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), position, rest, &interval->room.state[2 * nu]);
         eom_add_forces(sizes, rest, force);
     }
-    for (int i = 0; i < n; ++i) { u[i] = (EOM_SCALAR)force[i]; }
+    for (int i = 0; i < nu; ++i) { u[i] = (EOM_SCALAR)force[i]; }
 }
 
 /* Forces u + kp (target - q - ahead v) - kd v of a row of drives and those of inputs at a share of a step, drives within their
@@ -163,23 +172,23 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
 EOM_LOCAL void EOM(forces_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, EOM_SCALAR *restrict slope)
 {
     const EOM(drive) *const drive = interval->drive;
-    const int n = EOM(size_of)(interval);
-    (void)memcpy(u, &drive->u[interval->row * drive->u_step], (size_t)n * sizeof *u);
+    const int nu = EOM(inputs_of)(interval);
+    (void)memcpy(u, &drive->u[interval->row * drive->u_step], (size_t)nu * sizeof *u);
     if (drive->kp != NULL) {
         const EOM_SCALAR *const target = &drive->target[interval->row * drive->target_step];
-        for (int i = 0; i < n; ++i) { u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
+        for (int i = 0; i < EOM(positions_of)(interval); ++i) { u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
     }
-    if ((interval->inputs == NULL) && (drive->effort != NULL)) { EOM(saturate)(drive, n, u, slope); }
+    if ((interval->inputs == NULL) && (drive->effort != NULL)) { EOM(saturate)(drive, nu, u, slope); }
     if (interval->inputs != NULL) { EOM(add_input_forces)(interval, share, ahead, q, v, u, slope); }
 }
 
 /* Write 0 where drives saturate at a share of a step, else 1. */
 EOM_LOCAL void EOM(saturation_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict slope)
 {
-    const int n = EOM(size_of)(interval);
-    for (int i = 0; i < n; ++i) { slope[i] = (EOM_SCALAR)1.0; }
+    const int nu = EOM(inputs_of)(interval);
+    for (int i = 0; i < nu; ++i) { slope[i] = (EOM_SCALAR)1.0; }
     if ((interval->inputs == NULL) ? (interval->drive->effort == NULL) : (interval->inputs->effort == NULL)) { return; }
-    EOM(forces_within)(interval, share, ahead, q, v, &interval->room.state[n], slope);
+    EOM(forces_within)(interval, share, ahead, q, v, &interval->room.state[nu], slope);
 }
 
 /* Number of coordinates on which tracking control, or NULL, has gains. */
@@ -196,8 +205,8 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
     const eom_tracking *const control = (interval->inputs == NULL) ? NULL : interval->inputs->control;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int gains = eom_gains_of(control);
-    const int n = N_OF(sizes);
-    for (int i = 0; i < n; ++i) {
+    const int nu = INPUTS_OF(sizes);
+    for (int i = 0; i < nu; ++i) {
         kp[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kp[i];
         kd[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kd[i];
     }
@@ -207,14 +216,14 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
         kd[control->program.place[k]] += (EOM_SCALAR)(control->kd[k] / ratio);
     }
     EOM(saturation_within)(interval, share, ahead, q, v, slope);
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nu; ++i) {
         kp[i] *= slope[i];
         kd[i] *= slope[i];
     }
     if (sizes->beside != NULL) {
-        EOM_SCALAR *const force = &interval->room.state[n];
+        EOM_SCALAR *const force = &interval->room.state[nu];
         EOM(forces_within)(interval, share, ahead, q, v, force, NULL);
-        for (int i = 0; i < n; ++i) {
+        for (int i = 0; i < POSITIONS_OF(sizes); ++i) {
             if (eom_force_place(sizes, i) != i) { kp[eom_force_place(sizes, i)] = force[i]; }
         }
     }

@@ -10,7 +10,7 @@
 EOM_LOCAL size_t EOM(kept_of_step)(const EOM(sizes) *restrict sizes, int method)
 {
     (void)sizes;
-    return (size_t)EOM_KEPT_NUMBERS(N_OF(sizes), M_OF(sizes), method);
+    return (size_t)EOM_KEPT_NUMBERS(RATES_OF(sizes), M_OF(sizes), method);
 }
 
 /* Take a step, in front of assembly; kept becomes what is kept of it. */
@@ -35,7 +35,7 @@ EOM_LOCAL void EOM(step_end)(const EOM(interval) *restrict interval, const EOM_S
     } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
         EOM(implicit_end)(interval, q, v, kept, q_end, v_end);
     } else {
-        EOM(explicit_stage)(interval, EOM(explicit_of)(interval)->stages, q, v, kept, &kept[EOM(size_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
+        EOM(explicit_stage)(interval, EOM(explicit_of)(interval)->stages, q, v, kept, &kept[EOM(rates_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
     }
 }
 
@@ -80,7 +80,7 @@ EOM_INLINE void EOM(prescribe_end_adjoint)(const EOM(interval) *restrict interva
 /* What the failure of a step says of all steps. */
 EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_t step, int status)
 {
-    const int statuses = N_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + N_OF(sizes)) : 0);
+    const int statuses = RATES_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + RATES_OF(sizes)) : 0);
     (void)sizes;
     return (long long)step * statuses + status - 1;
 }
@@ -88,15 +88,16 @@ EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_
 EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM(workspace) work)
 {
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t n = (size_t)N_OF(sizes);
+    const size_t nq = (size_t)POSITIONS_OF(sizes);
+    const size_t nv = (size_t)RATES_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const rest = &stages_here[size];
     for (size_t k = 0; k < steps->count; ++k) {
-        EOM_SCALAR *const q_end = &q[(k + 1U) * n];
-        EOM_SCALAR *const v_end = &v[(k + 1U) * n];
+        EOM_SCALAR *const q_end = &q[(k + 1U) * nq];
+        EOM_SCALAR *const v_end = &v[(k + 1U) * nv];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
-        const int status = EOM(step_forward)(&interval, &q[k * n], &v[k * n], (kept == NULL) ? stages_here : &kept[k * size], q_end, v_end, rest);
+        const int status = EOM(step_forward)(&interval, &q[k * nq], &v[k * nv], (kept == NULL) ? stages_here : &kept[k * size], q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         EOM(prescribe_end)(&interval, q_end, v_end);
         if (M_OF(sizes) > 0) {
@@ -110,21 +111,22 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
 EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM(workspace) work)
 {
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t n = (size_t)N_OF(sizes);
+    const size_t nq = (size_t)POSITIONS_OF(sizes);
+    const size_t nv = (size_t)RATES_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
     const int closed = (M_OF(sizes) > 0) ? 1 : 0;
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const q_end = &stages_here[size];
-    EOM_SCALAR *const v_end = &q_end[n];
-    EOM_SCALAR *const to_q = &v_end[n];
-    EOM_SCALAR *const to_v = &to_q[n];
-    EOM_SCALAR *const rest = &to_v[n];
-    (void)memcpy(to_q, &by_q[steps->count * n], n * sizeof *to_q);
-    (void)memcpy(to_v, &by_v[steps->count * n], n * sizeof *to_v);
+    EOM_SCALAR *const v_end = &q_end[nq];
+    EOM_SCALAR *const to_q = &v_end[nv];
+    EOM_SCALAR *const to_v = &to_q[nq];
+    EOM_SCALAR *const rest = &to_v[nv];
+    (void)memcpy(to_q, &by_q[steps->count * nq], nq * sizeof *to_q);
+    (void)memcpy(to_v, &by_v[steps->count * nv], nv * sizeof *to_v);
     for (size_t behind = 0; behind < steps->count; ++behind) {
         const size_t k = steps->count - 1U - behind;
-        const EOM_SCALAR *const q_here = &q[k * n];
-        const EOM_SCALAR *const v_here = &v[k * n];
+        const EOM_SCALAR *const q_here = &q[k * nq];
+        const EOM_SCALAR *const v_here = &v[k * nv];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
         const EOM_SCALAR *stages = stages_here;
         if (kept == NULL) {
@@ -139,11 +141,13 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
         }
         EOM(prescribe_end_adjoint)(&interval, to_q, to_v, slopes);
         EOM(step_adjoint)(&interval, q_here, v_here, stages, to_q, to_v, slopes, rest);
-        for (size_t i = 0; i < n; ++i) {
-            to_q[i] += by_q[k * n + i];
-            to_v[i] += by_v[k * n + i];
-            by_q[k * n + i] = to_q[i];
-            by_v[k * n + i] = to_v[i];
+        for (size_t i = 0; i < nq; ++i) {
+            to_q[i] += by_q[k * nq + i];
+            by_q[k * nq + i] = to_q[i];
+        }
+        for (size_t i = 0; i < nv; ++i) {
+            to_v[i] += by_v[k * nv + i];
+            by_v[k * nv + i] = to_v[i];
         }
     }
 }
@@ -151,27 +155,27 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
 EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM(workspace) work)
 {
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t n = (size_t)N_OF(sizes);
-    const size_t width = directions * n;
+    const size_t nq = (size_t)POSITIONS_OF(sizes);
+    const size_t nv = (size_t)RATES_OF(sizes);
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const rest = &stages_here[EOM(kept_of_step)(sizes, steps->method)];
     for (size_t k = 0; k < steps->count; ++k) {
-        const EOM_SCALAR *const q_here = &q[k * n];
-        const EOM_SCALAR *const v_here = &v[k * n];
-        EOM_SCALAR *const q_end = &q[(k + 1U) * n];
-        EOM_SCALAR *const v_end = &v[(k + 1U) * n];
-        EOM_SCALAR *const dq_end = &dq[(k + 1U) * width];
-        EOM_SCALAR *const dv_end = &dv[(k + 1U) * width];
+        const EOM_SCALAR *const q_here = &q[k * nq];
+        const EOM_SCALAR *const v_here = &v[k * nv];
+        EOM_SCALAR *const q_end = &q[(k + 1U) * nq];
+        EOM_SCALAR *const v_end = &v[(k + 1U) * nv];
+        EOM_SCALAR *const dq_end = &dq[(k + 1U) * directions * nq];
+        EOM_SCALAR *const dv_end = &dv[(k + 1U) * directions * nv];
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
         const int status = EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
-        (void)memcpy(dq_end, &dq[k * width], width * sizeof *dq);
-        (void)memcpy(dv_end, &dv[k * width], width * sizeof *dv);
+        (void)memcpy(dq_end, &dq[k * directions * nq], directions * nq * sizeof *dq);
+        (void)memcpy(dv_end, &dv[k * directions * nv], directions * nv * sizeof *dv);
         EOM(step_tangent)(&interval, q_here, v_here, stages_here, directions, rates, dq_end, dv_end, rest);
         EOM(prescribe_end)(&interval, q_end, v_end);
         for (size_t d = 0; d < directions; ++d) {
-            EOM(prescribe_tangent)(&interval, &dq_end[d * n], &dv_end[d * n]);
-            if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * n], &dv_end[d * n], rest); }
+            EOM(prescribe_tangent)(&interval, &dq_end[d * nq], &dv_end[d * nv]);
+            if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * nq], &dv_end[d * nv], rest); }
         }
         if (M_OF(sizes) > 0) {
             const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);

@@ -3,7 +3,8 @@
  * Nothing here knows a robot.  A robot is its sizes and its equations (eom_robot), generated or written by hand; steps of
  * fixed length, steps with error control, input signals, energy balances and loops that stay assembled are written once.
  *
- * SI units and radians; n coordinates q, velocities v, accelerations a, generalized forces u; matrices are stored by rows.
+ * SI units and radians; nq positions q; nv rates v, of which the first nq are velocities and the others internal states of
+ * forces, and their derivatives a; nu inputs u, generalized forces first; matrices are stored by rows.
  * No heap and no state: all memory is the caller's, and every call is re-entrant.
  * Names that begin with eom_ are in double precision, those with eomf_ in single precision. */
 #ifndef EOM_H
@@ -130,8 +131,8 @@ typedef struct {
     long long counted;
     size_t sample;
     int refused;
-    int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state; 2 + 2 n + i: there is no
-                 * acceleration of coordinate i, as the mass matrix cannot be inverted; 2 + 3 n + r: constraint r stays violated */
+    int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state; 2 + nq + nv + i: there is
+                 * no acceleration of coordinate i, as the mass matrix cannot be inverted; 2 + nq + 2 nv + r: constraint r stays violated */
     double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM numbers of any value */
 } eom_progress;
 
@@ -148,7 +149,7 @@ typedef struct {
     int length;       /* and for how many trials' lengths it goes on */
 } eom_switching;
 
-/* Sizes of a workspace: of scalars or lanes, of doubles, and of integers. */
+/* Sizes of a workspace: of scalars or lanes, of doubles, and of integers; n is nv, which is at least nq and nu. */
 #define EOM_STATE_ROOM(n, m, hoisted, factors, wrench, parameters, rotations) (52 * (n) + 40 * (m) + 5 * (hoisted) + (factors) + (wrench) + (parameters) + 4 * (rotations) + 104)
 #define EOM_INPUT_ROOM(n, lanes, gaps) ((9 * (lanes) + 18) * (n) + (((gaps) > 0) ? ((n) * (n) + (gaps) * ((n) + 1)) : 0))
 #define EOM_INDEX_ROOM(n, lanes, rotations) (2 * (n) + ((lanes) + 1) * (rotations))

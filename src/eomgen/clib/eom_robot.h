@@ -2,7 +2,9 @@
 
 /* Sizes of a robot, and what is particular about it. */
 typedef struct {
-    int n;          /* coordinates */
+    int positions;  /* nq, of q */
+    int rates;      /* nv, of v: velocities of these coordinates, then internal states; at least nq and nu */
+    int inputs;     /* nu, of u: at coordinates, then forces beside drives with states; at least nq */
     int m;          /* constraints of closed loops; 0 for a tree */
     int hoisted;    /* numbers h that setup makes of the parameters, at least 1 */
     int parameters; /* numbers that setup takes */
@@ -12,10 +14,10 @@ typedef struct {
     int rotations;  /* joints of three rotations that change charts */
     int has_friction;         /* Coulomb friction: the error counts what the matrix of the end leaves */
     int has_redundant_rows;   /* states of stages are assembled, too */
-    int coordinates;          /* of these n, where drives have states; other internal states stand behind them */
-    const int *beside;        /* NULL without such drives; n, where in arrays of drives forces on a coordinate stand: drives have
-                                 their inputs at coordinates, and forces at the places of their first states */
-    const int *is_prescribed; /* n, or NULL */
+    int coordinates;          /* of these positions, where drives have states; what stands behind them acts on nothing */
+    const int *beside;        /* NULL without such drives; nq, where in u forces on a coordinate stand: there is the input of its
+                                 drive at its own place, and forces stand behind all coordinates */
+    const int *is_prescribed; /* nq, or NULL */
     const int *angles_at;     /* first angle of each joint of three rotations */
     const int *origin_at;     /* its x, or -1 */
     EOM_SCALAR closed_gap;    /* m or rad: constraint violation that is round-off */
@@ -25,11 +27,11 @@ typedef struct {
 } EOM(sizes);
 
 /* Equations of a robot, of one state in each argument, or of a state in every lane: number i of state l at x[i][l].  They return
- * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 n + 3 m higher per lane, n for a tree.
- * forward_dynamics writes n accelerations, with closed loops 3 m numbers behind them; settling n changes of q, n of v and m
- * violations.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time, time^2), and the solution w by
- * which accelerations differ from right, of changes of velocities shifts; where forces beside drives
- * stand kp has the inputs of these, on which their slopes depend.  pair_factors, pair_solution: the same with a complex
+ * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 nv + 3 m higher per lane, nv for a tree.
+ * forward_dynamics writes nv accelerations, with closed loops 3 m numbers behind them; settling nq changes of q, nv of v and m
+ * violations.  added, kp and kd are nu numbers.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time,
+ * time^2), and the solution w, nv, by which accelerations differ from right, nv, of changes of positions shifts, nq; where forces
+ * beside drives stand kp has the inputs of these, on which their slopes depend.  pair_factors, pair_solution: the same with a complex
  * time, all imaginary parts behind the real ones, spans = (|time|, |time|^2); NULL where method 2 is not asked for. */
 typedef struct {
     const EOM(sizes) *sizes;
@@ -73,7 +75,7 @@ typedef struct {
     int *index;        /* EOM_INDEX_ROOM */
 } EOM(workspace);
 
-#if !defined(EOM_N) || defined(EOM_LINKED)
+#if !defined(EOM_RATES) || defined(EOM_LINKED)
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -92,12 +94,12 @@ int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const 
 long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *robot, size_t count, const EOM_SCALAR *h, const EOM_SCALAR *q, size_t q_step, const EOM_SCALAR *v, size_t v_step, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
 void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, const size_t *place, const EOM_SCALAR *h, size_t h_step, const EOM(drive) *drive, const EOM(inputs) *inputs, size_t inputs_step, const EOM(tolerance) *allowed, size_t allowed_step, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(workspace) work);
 
-/* Write the drives of inputs at times, (count, n), with accelerations of prescribed coordinates, whose positions and velocities are
+/* Write the drives of inputs at times, (count, nu), with accelerations of prescribed coordinates, whose positions and velocities are
  * put into q and v. */
 void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
 
-/* Take steps from q and v in the first row on, (count + 1, n) each.  kept is NULL, or count times EOM_KEPT_NUMBERS, which spare
- * rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
+/* Take steps from q, (count + 1, nq), and v, (count + 1, nv), in the first row on.  kept is NULL, or count times EOM_KEPT_NUMBERS,
+ * which spare rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
  * work.state: EOM_SENSITIVITY_ROOM, work.input: EOM_SENSITIVITY_INPUT_ROOM. */
 long long EOM(rollout_states)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *kept, EOM(workspace) work);
 
@@ -105,7 +107,7 @@ long long EOM(rollout_states)(const EOM(robot_derivatives) *derivatives, const E
  * those by the whole way from there on; slopes get what is added to them.  kept as of rollout_states. */
 void EOM(rollout_gradient)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *kept, EOM_SCALAR *by_q, EOM_SCALAR *by_v, const EOM(slopes) *slopes, EOM(workspace) work);
 
-/* Take the same steps with rates along directions beside the states: dq and dv, (count + 1, directions, n), hold those of the
+/* Take the same steps with rates along directions beside the states: dq and dv, (count + 1, directions, nq or nv), hold those of the
  * first state, and get those at the end of each step. */
 long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, size_t directions, const EOM(rates) *rates, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *dq, EOM_SCALAR *dv, EOM(workspace) work);
 #ifdef __cplusplus

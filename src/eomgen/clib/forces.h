@@ -26,7 +26,7 @@ typedef struct {
 
 /* What steps are of: a motion, its forces and targets, and where its lanes are.  failed: of each lane 0, or what the first of its
  * equations said that could not be solved in this step; NULL where steps are of fixed length and end at once.  spare: of lanes
- * 4 n + 6 + hoisted. */
+ * nq + nv + 2 nu + 6 + hoisted. */
 typedef struct {
     F(motion) motion;
     const REAL *u;
@@ -36,7 +36,7 @@ typedef struct {
     REAL *spare;
 } F(problem);
 
-/* Saturate drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */
+/* Saturate n drives at their limits; slope, if it is not NULL, becomes 0 where they do, else 1. */
 EOM_LOCAL void F(saturate)(const EOM(drive) *restrict drive, int n, REAL *restrict u, REAL *restrict slope)
 {
     for (int l = 0; l < (int)WIDTH; ++l) {
@@ -59,7 +59,7 @@ EOM_LOCAL eom_instant F(instant_at)(const F(clock) *restrict clock, int l, doubl
     return at;
 }
 
-/* Forces of computed torque: what a model of the robot, if lanes have one, answers to 3 n numbers each. */
+/* Forces of computed torque: what a model of the robot, if lanes have one, answers to q, v and a, n numbers apart. */
 EOM_LOCAL void F(ask_model)(const F(clock) *restrict clock, int n, const double *restrict asked, double *restrict force, double *restrict work, int *restrict index)
 {
 #if defined(EOM_LANES_HERE)
@@ -96,70 +96,66 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
 {
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
     const F(clock) *const clock = &problem->clock;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     double *const position = work.input;
-    double *const rate = &position[WIDTH * n];
-    double *const u = &rate[WIDTH * n];
-    double *const prescribed = &u[WIDTH * n];
-    double *const asked = &prescribed[WIDTH * n];
-    double *const answer = &asked[3 * WIDTH * n];
-    double *const inside = &answer[WIDTH * n];
-    double *const pushed = &inside[n];
-    double *const rest = &pushed[n];
+    double *const rate = &position[WIDTH * nq];
+    double *const u = &rate[WIDTH * nv];
+    double *const prescribed = &u[WIDTH * nu];
+    double *const asked = &prescribed[WIDTH * nu];
+    double *const answer = &asked[3 * WIDTH * nu];
+    double *const inside = &answer[WIDTH * nu];
+    double *const pushed = &inside[nu];
+    double *const rest = &pushed[nq];
     EOM_SCALAR *const scratch = (EOM_SCALAR *)(void *)work.state;
     eom_instant t[WIDTH];
     int moved = 0;
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
-    scatter(q, NULL, (size_t)clock->here, 0, n, (size_t)n, position);
-    scatter(v, NULL, (size_t)clock->here, 0, n, (size_t)n, rate);
-    scatter(force, NULL, (size_t)clock->here, 0, n, (size_t)n, u);
+    scatter(q, NULL, (size_t)clock->here, 0, nq, (size_t)nq, position);
+    scatter(v, NULL, (size_t)clock->here, 0, nv, (size_t)nv, rate);
+    scatter(force, NULL, (size_t)clock->here, 0, nu, (size_t)nu, u);
 #else
     for (int l = 0; l < clock->here; ++l) {
-        for (int i = 0; i < n; ++i) {
-            position[l * n + i] = (double)LANE_OF(q[i], l);
-            rate[l * n + i] = (double)LANE_OF(v[i], l);
-            u[l * n + i] = (double)LANE_OF(force[i], l);
-        }
+        for (int i = 0; i < nq; ++i) { position[l * nq + i] = (double)LANE_OF(q[i], l); }
+        for (int i = 0; i < nv; ++i) { rate[l * nv + i] = (double)LANE_OF(v[i], l); }
+        for (int i = 0; i < nu; ++i) { u[l * nu + i] = (double)LANE_OF(force[i], l); }
     }
 #endif
     for (int l = 0; l < clock->here; ++l) {
         t[l] = F(instant_at)(clock, l, share);
-        eom_inputs_at(clock->inputs[l], n, t[l], &position[l * n], &rate[l * n], &u[l * n], &prescribed[l * n], &asked[3 * l * n], rest);
+        eom_inputs_at(clock->inputs[l], nu, t[l], &position[l * nq], &rate[l * nv], &u[l * nu], &prescribed[l * nu], &asked[3 * l * nu], rest);
     }
-    F(ask_model)(clock, n, asked, answer, rest, work.index);
+    F(ask_model)(clock, nu, asked, answer, rest, work.index);
     for (int l = 0; l < clock->here; ++l) {
         const EOM(inputs) *const inputs = clock->inputs[l];
-        eom_finish_drives(inputs, n, &prescribed[l * n], &answer[l * n], &u[l * n], inside);
+        eom_finish_drives(inputs, nu, &prescribed[l * nu], &answer[l * nu], &u[l * nu], inside);
         if (slope != NULL) {
-            for (int i = 0; i < n; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
+            for (int i = 0; i < nu; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
         }
         if (ROTATIONS_OF(sizes) == 0) {
-            (void)memset(pushed, 0, (size_t)n * sizeof *pushed);
-            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &position[l * n], pushed, scratch); }
+            (void)memset(pushed, 0, (size_t)nq * sizeof *pushed);
+            if (inputs->wrenches > 0U) { eom_wrench_forces(sizes, inputs, HERE_OF(problem->motion.h), t[l], &position[l * nq], pushed, scratch); }
             if (clock->power != NULL) {
                 double power[EOM_WORKS];
-                eom_powers_at(sizes, inputs->work, &position[l * n], &rate[l * n], &u[l * n], pushed, power, scratch);
+                eom_powers_at(sizes, inputs->work, &position[l * nq], &rate[l * nv], &u[l * nu], pushed, power, scratch);
                 for (int w = 0; w < EOM_WORKS; ++w) { clock->power[(stage * EOM_WORKS + w) * (int)WIDTH + l] = power[w]; }
             }
-            if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * n]); }
+            if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * nu]); }
         }
         if (inputs->given != NULL) { moved = 1; }
     }
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
-    gather(u, (size_t)n, (size_t)clock->here, 0, n, force);
+    gather(u, (size_t)nu, (size_t)clock->here, 0, nu, force);
     if (moved != 0) {
-        gather(position, (size_t)n, (size_t)clock->here, 0, n, q);
-        gather(rate, (size_t)n, (size_t)clock->here, 0, n, v);
+        gather(position, (size_t)nq, (size_t)clock->here, 0, nq, q);
+        gather(rate, (size_t)nv, (size_t)clock->here, 0, nv, v);
     }
 #else
     for (int l = 0; l < clock->here; ++l) {
-        for (int i = 0; i < n; ++i) {
-            LANE_OF(force[i], l) = (EOM_SCALAR)u[l * n + i];
-            if (moved != 0) {
-                LANE_OF(q[i], l) = (EOM_SCALAR)position[l * n + i];
-                LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * n + i];
-            }
-        }
+        for (int i = 0; i < nu; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[l * nu + i]; }
+        for (int i = 0; (moved != 0) && (i < nq); ++i) { LANE_OF(q[i], l) = (EOM_SCALAR)position[l * nq + i]; }
+        for (int i = 0; (moved != 0) && (i < nv); ++i) { LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * nv + i]; }
     }
 #endif
 }
@@ -170,14 +166,15 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
     const F(charts) *const charts = problem->motion.charts;
     const F(clock) *const clock = &problem->clock;
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     REAL *const q_told = work.state;
-    REAL *const v_told = &q_told[n];
+    REAL *const v_told = &q_told[nq];
     double *const position = work.input;
-    double *const here = &position[n];
-    double *const u = &here[n];
-    double *const pushed = &u[n];
-    work.state += 2 * n;
+    double *const here = &position[nq];
+    double *const u = &here[nq];
+    double *const pushed = &u[nu];
+    work.state += STATE_OF(sizes);
     F(describe_near)(sizes, charts, q, v, q_told, v_told);
     F(add_inputs)(problem, share, 0, q_told, v_told, force, slope, work);
     for (int l = 0; l < clock->here; ++l) {
@@ -191,28 +188,28 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
     F(turn_forces)(sizes, charts, q, force);
     for (int l = 0; l < clock->here; ++l) {
         if (clock->inputs[l]->wrenches == 0U) { continue; }
-        for (int i = 0; i < n; ++i) {
+        for (int i = 0; i < nq; ++i) {
             position[i] = (double)LANE_OF(q_told[i], l);
             here[i] = (double)LANE_OF(q[i], l);
-            u[i] = (double)LANE_OF(force[i], l);
         }
+        for (int i = 0; i < nu; ++i) { u[i] = (double)LANE_OF(force[i], l); }
         F(turned_wrench_forces)(sizes, clock->inputs[l], HERE_OF(problem->motion.h), F(instant_at)(clock, l, share), position, here, &charts->is_turned[l * ROTATIONS_OF(sizes)], pushed, (EOM_SCALAR *)(void *)work.state);
         eom_add_forces(sizes, pushed, u);
-        for (int i = 0; i < n; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[i]; }
+        for (int i = 0; i < nu; ++i) { LANE_OF(force[i], l) = (EOM_SCALAR)u[i]; }
     }
 }
 
-/* Put prescribed motions of a lane at a time into x = (q, v).  work: 6 n. */
+/* Put prescribed motions of a lane at a time into x = (q, v).  work: 6 nq. */
 EOM_LOCAL void F(put_prescribed)(const F(problem) *restrict problem, int l, eom_instant at, REAL *restrict x, double *restrict work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const int nq = POSITIONS_OF(problem->motion.robot->sizes);
     const eom_prescribed *const motions = (problem->clock.inputs[l] == NULL) ? NULL : problem->clock.inputs[l]->given;
     if (motions == NULL) { return; }
-    eom_prescribed_at(motions, n, at, work, &work[n], &work[2 * n], &work[3 * n]);
+    eom_prescribed_at(motions, nq, at, work, &work[nq], &work[2 * nq], &work[3 * nq]);
     for (int k = 0; k < motions->size; ++k) {
         const int i = motions->place[k];
         LANE_OF(x[i], l) = (EOM_SCALAR)work[k];
-        LANE_OF(x[n + i], l) = (EOM_SCALAR)work[n + k];
+        LANE_OF(x[nq + i], l) = (EOM_SCALAR)work[nq + k];
     }
 }
 
@@ -237,22 +234,23 @@ EOM_LOCAL void F(forces)(const F(problem) *restrict problem, double share, int s
     const EOM(drive) *const drive = problem->motion.drive;
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
     const EOM(inputs) *const inputs = problem->clock.inputs[0];
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     int gained = 0; /* gains act on joints that stay in their angles, and come first where the sum saturates */
-    F(copy)(n, problem->u, force);
+    F(copy)(nu, problem->u, force);
     if (ROTATIONS_OF(sizes) > 0) {
         if (inputs != NULL) {
             gained = F(saturates)(problem);
-            for (int i = 0; (gained != 0) && (drive->kp != NULL) && (i < n); ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+            for (int i = 0; (gained != 0) && (drive->kp != NULL) && (i < nq); ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
             F(add_turned_inputs)(problem, share, q, v, force, slope, work);
         } else {
             F(turn_forces)(sizes, problem->motion.charts, q, force);
         }
     }
     if ((gained == 0) && (drive->kp != NULL)) {
-        for (int i = 0; i < n; ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
+        for (int i = 0; i < nq; ++i) { force[i] += drive->kp[i] * (problem->target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if ((inputs == NULL) && (drive->effort != NULL)) { F(saturate)(drive, n, force, slope); }
+    if ((inputs == NULL) && (drive->effort != NULL)) { F(saturate)(drive, nu, force, slope); }
     if ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL)) { F(add_inputs)(problem, share, stage, q, v, force, slope, work); }
 }
 
@@ -261,8 +259,7 @@ EOM_LOCAL void F(control_gains)(const F(problem) *restrict problem, REAL *restri
 {
     const EOM(drive) *const drive = problem->motion.drive;
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
-    const int n = N_OF(sizes);
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < INPUTS_OF(sizes); ++i) {
         kp[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kp[i]);
         kd[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kd[i]);
     }
@@ -281,25 +278,25 @@ EOM_LOCAL void F(control_gains)(const F(problem) *restrict problem, REAL *restri
 }
 
 /* Gains of drives and of tracking control, by coordinate and lane, none where drives saturate; in kp inputs of drives with
- * states, where forces beside them stand.  work: as of forces, and 4 n. */
+ * states, where forces beside them stand.  work: as of forces, and nq + nv + 2 nu. */
 EOM_LOCAL void F(gains)(const F(problem) *restrict problem, const REAL *restrict x, REAL *restrict kp, REAL *restrict kd, F(workspace) work)
 {
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
-    const int n = N_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
     const int some = F(saturates)(problem); /* what saturates does not answer to the state */
     F(control_gains)(problem, kp, kd);
     if ((some != 0) || (sizes->beside != NULL)) {
         REAL *restrict const x_here = work.state;
-        REAL *restrict const slope = &x_here[PADDED_TO_BLOCKS(2 * n)];
-        REAL *restrict const force = &slope[PADDED_TO_BLOCKS(n)];
-        work.state = &force[PADDED_TO_BLOCKS(n)];
-        F(copy)(2 * n, x, x_here);
-        F(forces)(problem, 0.0, INSIDE_STAGE, x_here, &x_here[n], force, slope, work);
-        for (int i = 0; (some != 0) && (i < n); ++i) {
+        REAL *restrict const slope = &x_here[PADDED_TO_BLOCKS(STATE_OF(sizes))];
+        REAL *restrict const force = &slope[PADDED_TO_BLOCKS(nu)];
+        work.state = &force[PADDED_TO_BLOCKS(nu)];
+        F(copy)(STATE_OF(sizes), x, x_here);
+        F(forces)(problem, 0.0, INSIDE_STAGE, x_here, &x_here[POSITIONS_OF(sizes)], force, slope, work);
+        for (int i = 0; (some != 0) && (i < nu); ++i) {
             kp[i] *= slope[i];
             kd[i] *= slope[i];
         }
-        for (int i = 0; i < n; ++i) {
+        for (int i = 0; i < POSITIONS_OF(sizes); ++i) {
             if (eom_force_place(sizes, i) != i) { kp[eom_force_place(sizes, i)] = force[i]; }
         }
     }

@@ -1,5 +1,5 @@
 /* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and sizes, of the
- * robot, or with EOM_N, EOM_M and EOM_ROTATIONS known when this is compiled; and a check of numbers. */
+ * robot, or with EOM_POSITIONS, EOM_RATES, EOM_INPUTS, EOM_M and EOM_ROTATIONS known when this is compiled; and a check of numbers. */
 #ifndef EOM_PRECISION_H
 #define EOM_PRECISION_H
 #if defined(EOM_SINGLE)
@@ -18,18 +18,23 @@
 #define C(x) x
 #endif
 
-#if defined(EOM_N)
-#define N_OF(sizes) EOM_N
+#if defined(EOM_RATES)
+#define POSITIONS_OF(sizes) EOM_POSITIONS
+#define RATES_OF(sizes) EOM_RATES
+#define INPUTS_OF(sizes) EOM_INPUTS
 #define M_OF(sizes) EOM_M
 #define ROTATIONS_OF(sizes) EOM_ROTATIONS
 #else
-#define N_OF(sizes) ((sizes)->n)
+#define POSITIONS_OF(sizes) ((sizes)->positions)
+#define RATES_OF(sizes) ((sizes)->rates)
+#define INPUTS_OF(sizes) ((sizes)->inputs)
 #define M_OF(sizes) ((sizes)->m)
 #define ROTATIONS_OF(sizes) ((sizes)->rotations)
 #endif
+#define STATE_OF(sizes) (POSITIONS_OF(sizes) + RATES_OF(sizes))
 #define PADDED_TO_BLOCKS(n) (((n) + BLOCK - 1) / BLOCK * BLOCK)
 
-#if defined(EOM_RADAU) || !defined(EOM_N)
+#if defined(EOM_RADAU) || !defined(EOM_RATES)
 #define EOM_HAS_RADAU /* a robot's file says whether it has the equations that the method asks for */
 #endif
 
@@ -40,7 +45,7 @@
 #define EOM_LOCAL static
 #define EOM_PART static
 #endif
-#if defined(EOM_N)
+#if defined(EOM_RATES)
 #define EOM_PUBLIC EOM_LOCAL
 #else
 #define EOM_PUBLIC

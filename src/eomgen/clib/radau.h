@@ -10,17 +10,17 @@
  * coefficients of the polynomial of the last step, from the first power on, and how long that was, 0 where there is none; states
  * and gains that factors are of, and for how long a step; and what Newton's iteration came to. */
 typedef struct {
-    REAL *z;      /* (stages, 2 n) */
-    REAL *w;      /* (stages, 2 n) */
-    REAL *rates;  /* (stages, 2 n + 3 m) */
-    REAL *inside; /* (stages, 2 n) */
-    REAL *here;   /* 2 n */
-    REAL *scale;  /* 2 n: one over what is allowed */
-    REAL *change; /* 4 n: of w, real, then imaginary parts */
-    REAL *right;  /* 4 n: right-hand sides, real, then imaginary parts */
-    REAL *pairs;  /* 4 n: those of q, then of v, both real, then imaginary parts */
-    REAL *rise;   /* 2 n: changes of velocities, real, then imaginary parts */
-    REAL *at;     /* 4 n: q, v, gains of coordinates, of velocities */
+    REAL *z;      /* (stages, nx), nx = nq + nv */
+    REAL *w;      /* (stages, nx) */
+    REAL *rates;  /* (stages, 2 nv + 3 m) */
+    REAL *inside; /* (stages, nx) */
+    REAL *here;   /* 2 nv */
+    REAL *scale;  /* nx: one over what is allowed */
+    REAL *change; /* 2 nx: of w, real, then imaginary parts */
+    REAL *right;  /* 2 nx: right-hand sides, real, then imaginary parts */
+    REAL *pairs;  /* 2 nx: those of q, then of v, both real, then imaginary parts */
+    REAL *rise;   /* 2 nv: changes of rates, real, then imaginary parts */
+    REAL *at;     /* nx + 2 nu: q, v, gains of coordinates, of velocities */
     REAL *factors[1 + RADAU_PAIRS];
     double factored[WIDTH];
     double last[WIDTH];
@@ -38,20 +38,20 @@ typedef struct {
 /* Take room from a workspace. */
 EOM_LOCAL void F(carve_radau)(const EOM(sizes) *restrict sizes, F(radau) *restrict radau, F(workspace) *restrict work)
 {
-    const int n = N_OF(sizes);
-    const int pair = PADDED_TO_BLOCKS(2 * n);
+    const int nv = RATES_OF(sizes);
+    const int pair = PADDED_TO_BLOCKS(STATE_OF(sizes));
     radau->z = work->state;
     radau->w = &radau->z[RADAU_STAGES * pair];
     radau->inside = &radau->w[RADAU_STAGES * pair];
     radau->rates = &radau->inside[RADAU_STAGES * pair];
-    radau->here = &radau->rates[RADAU_STAGES * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(sizes))];
-    radau->scale = &radau->here[pair];
+    radau->here = &radau->rates[RADAU_STAGES * PADDED_TO_BLOCKS(2 * nv + 3 * M_OF(sizes))];
+    radau->scale = &radau->here[PADDED_TO_BLOCKS(2 * nv)];
     radau->change = &radau->scale[pair];
     radau->right = &radau->change[2 * pair];
     radau->pairs = &radau->right[2 * pair];
     radau->rise = &radau->pairs[2 * pair];
-    radau->at = &radau->rise[2 * PADDED_TO_BLOCKS(n)];
-    radau->factors[0] = &radau->at[2 * pair];
+    radau->at = &radau->rise[2 * PADDED_TO_BLOCKS(nv)];
+    radau->factors[0] = &radau->at[PADDED_TO_BLOCKS(STATE_OF(sizes) + 2 * INPUTS_OF(sizes))];
     radau->factors[1] = &radau->factors[0][PADDED_TO_BLOCKS(sizes->factors)];
     for (int k = 2; k <= RADAU_PAIRS; ++k) { radau->factors[k] = &radau->factors[k - 1][PADDED_TO_BLOCKS(sizes->pair_factors)]; }
     work->state = &radau->factors[RADAU_PAIRS][PADDED_TO_BLOCKS(sizes->pair_factors)];
@@ -72,9 +72,10 @@ EOM_LOCAL void F(carve_radau)(const EOM(sizes) *restrict sizes, F(radau) *restri
 }
 
 /* Forget what the steps of a lane have left: its next one begins anew. */
-EOM_LOCAL void F(forget_radau)(int n, F(radau) *restrict radau, int l)
+EOM_LOCAL void F(forget_radau)(const EOM(sizes) *restrict sizes, F(radau) *restrict radau, int l)
 {
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int apart = PADDED_TO_BLOCKS(STATE_OF(sizes));
+    (void)sizes;
     radau->factored[l] = 0.0;
     radau->last[l] = 0.0;
     radau->slowness[l] = 1.0;
@@ -84,11 +85,10 @@ EOM_LOCAL void F(forget_radau)(int n, F(radau) *restrict radau, int l)
 /* Look at how lanes' joints of three rotations are turned, and forget what steps of lanes have left that turned one since. */
 EOM_LOCAL void F(look_at_charts)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, F(radau) *restrict radau, int since)
 {
-    (void)sizes;
     for (int l = 0; l < (int)WIDTH; ++l) {
         unsigned long long code = 0U;
         for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { code = 3U * code + ((charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? 1U : 0U); }
-        if ((since != 0) && (code != radau->turned[l])) { F(forget_radau)(N_OF(sizes), radau, l); }
+        if ((since != 0) && (code != radau->turned[l])) { F(forget_radau)(sizes, radau, l); }
         radau->turned[l] = code;
     }
 }
@@ -96,8 +96,10 @@ EOM_LOCAL void F(look_at_charts)(const EOM(sizes) *restrict sizes, const F(chart
 /* Factors of all matrices at the states and for the steps that lanes have them of; those that are known already become the same. */
 EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *restrict radau)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
     const REAL *const at = radau->at;
+    const REAL *const v = &at[POSITIONS_OF(problem->motion.robot->sizes)];
+    const REAL *const kp = &v[RATES_OF(problem->motion.robot->sizes)];
+    const REAL *const kd = &kp[INPUTS_OF(problem->motion.robot->sizes)];
     REAL dt = WHOLE((EOM_SCALAR)1.0);
     REAL times[6]; /* two of them its spans */
     for (int l = 0; l < (int)WIDTH; ++l) {
@@ -105,7 +107,7 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
     }
     times[0] = dt / eom_radau_real;
     times[1] = times[0] * times[0];
-    F(solve_or_note)(problem, F(factors_of_stage), at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[0]);
+    F(solve_or_note)(problem, F(factors_of_stage), at, v, kp, kd, times, radau->factors[0]);
     for (int k = 0; k < RADAU_PAIRS; ++k) {
         const EOM_SCALAR a = eom_radau_pairs[k][0];
         const EOM_SCALAR b = eom_radau_pairs[k][1];
@@ -116,14 +118,15 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
         times[3] = (EOM_SCALAR)2.0 * (times[0] * times[2]);
         times[4] = dt / EOM_MATH(sqrt)(square);
         times[5] = times[4] * times[4];
-        F(solve_or_note)(problem, F(factors_of_pair), at, &at[n], &at[2 * n], &at[3 * n], times, radau->factors[1 + k]);
+        F(solve_or_note)(problem, F(factors_of_pair), at, v, kp, kd, times, radau->factors[1 + k]);
     }
 }
 
 /* Have factors of where steps begin in lanes whose present ones are for a step of another length, or led to slow iterations. */
 EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
+    const int nx = STATE_OF(problem->motion.robot->sizes);
+    const int nu = INPUTS_OF(problem->motion.robot->sizes);
     REAL *const gains = radau->change;
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
@@ -131,15 +134,13 @@ EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) 
         if (radau->young[l] != 0) { some = 1; }
     }
     if (some == 0) { return; }
-    F(gains)(problem, step->x, gains, &gains[n], work);
+    F(gains)(problem, step->x, gains, &gains[nu], work);
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->young[l] == 0) { continue; }
         radau->factored[l] = problem->clock.step[l];
         radau->eliminations[l] += 1.0;
-        for (int i = 0; i < 2 * n; ++i) {
-            LANE_OF(radau->at[i], l) = LANE_OF(step->x[i], l);
-            LANE_OF(radau->at[2 * n + i], l) = LANE_OF(gains[i], l);
-        }
+        for (int i = 0; i < nx; ++i) { LANE_OF(radau->at[i], l) = LANE_OF(step->x[i], l); }
+        for (int i = 0; i < 2 * nu; ++i) { LANE_OF(radau->at[nx + i], l) = LANE_OF(gains[i], l); }
     }
     F(factor_radau)(problem, radau);
 }
@@ -147,8 +148,9 @@ EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) 
 /* Go on with what the last call kept of the states at place. */
 EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, F(radau) *restrict radau)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nx = STATE_OF(problem->motion.robot->sizes);
+    const int held = nx + 2 * INPUTS_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(nx);
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
         const double *const kept = progress[place[l]].kept;
@@ -159,8 +161,8 @@ EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t 
         radau->slowness[l] = kept[3];
         radau->evaluations[l] = kept[4];
         radau->eliminations[l] = kept[5];
-        for (int i = 0; i < 4 * n; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[6 + i]; }
-        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l) = (EOM_SCALAR)kept[6 + 4 * n + i]; }
+        for (int i = 0; i < held; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[6 + i]; }
+        for (int i = 0; i < RADAU_STAGES * nx; ++i) { LANE_OF(radau->inside[i / nx * apart + i % nx], l) = (EOM_SCALAR)kept[6 + held + i]; }
         if (kept[0] > 0.0) { some = 1; }
     }
     if (some != 0) { F(factor_radau)(problem, radau); }
@@ -169,8 +171,9 @@ EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t 
 /* Keep for the next call what steps of the states at place have left. */
 EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, const F(radau) *restrict radau)
 {
-    const int n = N_OF(problem->motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nx = STATE_OF(problem->motion.robot->sizes);
+    const int held = nx + 2 * INPUTS_OF(problem->motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(nx);
     for (int l = 0; l < problem->clock.here; ++l) {
         double *const kept = progress[place[l]].kept;
         if (kept == NULL) { continue; }
@@ -180,15 +183,15 @@ EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *r
         kept[3] = radau->slowness[l];
         kept[4] = radau->evaluations[l];
         kept[5] = radau->eliminations[l];
-        for (int i = 0; i < 4 * n; ++i) { kept[6 + i] = (double)LANE_OF(radau->at[i], l); }
-        for (int i = 0; i < RADAU_STAGES * 2 * n; ++i) { kept[6 + 4 * n + i] = (double)LANE_OF(radau->inside[i / (2 * n) * apart + i % (2 * n)], l); }
+        for (int i = 0; i < held; ++i) { kept[6 + i] = (double)LANE_OF(radau->at[i], l); }
+        for (int i = 0; i < RADAU_STAGES * nx; ++i) { kept[6 + held + i] = (double)LANE_OF(radau->inside[i / nx * apart + i % nx], l); }
     }
 }
 
 /* Increments of stages to begin with, on the polynomial of the last step, and what they are transformed. */
 EOM_LOCAL void F(begin_radau)(const F(problem) *restrict problem, F(radau) *restrict radau)
 {
-    const int pair = 2 * N_OF(problem->motion.robot->sizes);
+    const int pair = STATE_OF(problem->motion.robot->sizes);
     const int apart = PADDED_TO_BLOCKS(pair);
     REAL ratio = WHOLE((EOM_SCALAR)1.0);
     for (int l = 0; l < (int)WIDTH; ++l) {
@@ -219,17 +222,18 @@ EOM_LOCAL void F(forget_failures)(const F(radau) *restrict radau, const int *res
 EOM_LOCAL void F(rates_of_radau)(const F(problem) *restrict problem, const F(step) *restrict step, F(radau) *restrict radau, F(workspace) work)
 {
     const F(robot) *const robot = problem->motion.robot;
-    const int n = N_OF(robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nx = STATE_OF(robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(nx);
+    const int rows = PADDED_TO_BLOCKS(2 * RATES_OF(robot->sizes) + 3 * M_OF(robot->sizes));
     int failed_before[WIDTH];
     (void)memcpy(failed_before, problem->failed, sizeof failed_before);
     for (int s = 0; s < RADAU_STAGES; ++s) {
         double *const power = (problem->clock.power == NULL) ? NULL : &problem->clock.power[(1 + s) * EOM_WORKS * (int)WIDTH];
         double before[EOM_WORKS * WIDTH];
         if (power != NULL) { (void)memcpy(before, power, sizeof before); }
-        F(add)(2 * n, step->x, &radau->z[s * apart], radau->here);
-        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[n], work.state, problem->failed); }
-        F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes))], work);
+        F(add)(nx, step->x, &radau->z[s * apart], radau->here);
+        if (robot->sizes->has_redundant_rows != 0) { (void)F(assemble)(robot, problem->motion.h, radau->here, &radau->here[POSITIONS_OF(robot->sizes)], work.state, problem->failed); }
+        F(rate)(problem, eom_radau_shares[s], 1 + s, radau->here, &radau->rates[s * rows], work);
         if (power == NULL) { continue; }
         for (int l = 0; l < (int)WIDTH; ++l) {
             for (int w = 0; (w < EOM_WORKS) && (radau->solves[l] == 0); ++w) { power[w * (int)WIDTH + l] = before[w * (int)WIDTH + l]; }
@@ -271,29 +275,32 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
 {
     const F(robot) *const robot = problem->motion.robot;
     const REAL *const h = problem->motion.h;
-    const int n = N_OF(robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
-    const int rows = PADDED_TO_BLOCKS(2 * n + 3 * M_OF(robot->sizes));
-    const size_t size = (size_t)n * sizeof *radau->w;
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
+    const int nx = nq + nv;
+    const int apart = PADDED_TO_BLOCKS(nx);
+    const int rows = PADDED_TO_BLOCKS(2 * nv + 3 * M_OF(robot->sizes));
+    const size_t q_size = (size_t)nq * sizeof *radau->w;
+    const size_t v_size = (size_t)nv * sizeof *radau->w;
     const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
     REAL *const right = radau->right;
     REAL *const other = &right[apart];
     REAL *const change = radau->change;
     REAL *const turned = &change[apart];
     REAL *const by_q = radau->pairs;
-    REAL *const by_v = &by_q[2 * n];
+    REAL *const by_v = &by_q[2 * nq];
     REAL *const v = radau->rise;
-    REAL *const v_turned = &v[PADDED_TO_BLOCKS(n)];
+    REAL *const v_turned = &v[PADDED_TO_BLOCKS(nv)];
     REAL *const w = radau->here;
     *sum = WHOLE((EOM_SCALAR)0.0);
     {
         const REAL time = dt / eom_radau_real;
-        F(radau_right)(radau, 2 * n, rows, 0, 0, eom_radau_real * inverse, *sum, right);
-        (void)robot->stage_solution(h, radau->factors[0], &right[n], right, w);
-        F(add_scaled)(n, time, &right[n], w, v);
-        F(add_scaled)(n, time, v, right, change);
-        (void)memcpy(&change[n], v, size);
-        F(change_radau)(2 * n, masked, change, radau->w, sum, radau);
+        F(radau_right)(radau, nx, rows, 0, 0, eom_radau_real * inverse, *sum, right);
+        (void)robot->stage_solution(h, radau->factors[0], &right[nq], right, w);
+        F(add_scaled)(nv, time, &right[nq], w, v);
+        F(add_scaled)(nq, time, v, right, change);
+        (void)memcpy(&change[nq], v, v_size);
+        F(change_radau)(nx, masked, change, radau->w, sum, radau);
     }
     for (int k = 0; k < RADAU_PAIRS; ++k) {
         const EOM_SCALAR a = eom_radau_pairs[k][0];
@@ -304,21 +311,21 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
         const REAL c = (a / square) * dt;
         const REAL d = (-b / square) * dt;
         const int row = 1 + 2 * k;
-        F(radau_right)(radau, 2 * n, rows, row, row + 1, real, imaginary, right);
-        F(radau_right)(radau, 2 * n, rows, row + 1, row, real, -imaginary, other);
-        (void)memcpy(by_q, right, size);
-        (void)memcpy(&by_q[n], other, size);
-        (void)memcpy(by_v, &right[n], size);
-        (void)memcpy(&by_v[n], &other[n], size);
+        F(radau_right)(radau, nx, rows, row, row + 1, real, imaginary, right);
+        F(radau_right)(radau, nx, rows, row + 1, row, real, -imaginary, other);
+        (void)memcpy(by_q, right, q_size);
+        (void)memcpy(&by_q[nq], other, q_size);
+        (void)memcpy(by_v, &right[nq], v_size);
+        (void)memcpy(&by_v[nv], &other[nq], v_size);
         (void)robot->pair_solution(h, radau->factors[1 + k], by_v, by_q, w);
-        F(add_turned)(n, c, d, &right[n], w, &other[n], &w[n], v, v_turned);
-        F(add_turned)(n, c, d, v, right, v_turned, other, change, turned);
-        (void)memcpy(&change[n], v, size);
-        (void)memcpy(&turned[n], v_turned, size);
-        F(change_radau)(2 * n, masked, change, &radau->w[row * apart], sum, radau);
-        F(change_radau)(2 * n, masked, turned, &radau->w[(row + 1) * apart], sum, radau);
+        F(add_turned)(nv, c, d, &right[nq], w, &other[nq], &w[nv], v, v_turned);
+        F(add_turned)(nq, c, d, v, right, v_turned, other, change, turned);
+        (void)memcpy(&change[nq], v, v_size);
+        (void)memcpy(&turned[nq], v_turned, v_size);
+        F(change_radau)(nx, masked, change, &radau->w[row * apart], sum, radau);
+        F(change_radau)(nx, masked, turned, &radau->w[(row + 1) * apart], sum, radau);
     }
-    for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(2 * n, RADAU_STAGES, eom_radau_back[s], radau->w, apart, &radau->z[s * apart]); }
+    for (int s = 0; s < RADAU_STAGES; ++s) { F(weigh)(nx, RADAU_STAGES, eom_radau_back[s], radau->w, apart, &radau->z[s * apart]); }
 }
 
 /* Look at the norms of changes: lanes whose iteration has converged, or will not, or in which equations failed, end theirs.
@@ -357,15 +364,14 @@ EOM_LOCAL int F(look_at_radau)(int round, const double *restrict enough, REAL su
 EOM_LOCAL void F(error_of_radau)(const F(problem) *restrict problem, REAL dt, const REAL *restrict dx, F(radau) *restrict radau, REAL *restrict error)
 {
     const F(robot) *const robot = problem->motion.robot;
-    const int n = N_OF(robot->sizes);
+    const int nq = POSITIONS_OF(robot->sizes);
+    const int nv = RATES_OF(robot->sizes);
     const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
     const REAL time = dt / eom_radau_real;
     REAL *restrict const right = radau->right;
     REAL *restrict const w = radau->change;
-    F(advance)(2 * n, RADAU_STAGES, eom_radau_error, inverse, radau->z, PADDED_TO_BLOCKS(2 * n), dx, right);
-    (void)robot->stage_solution(problem->motion.h, radau->factors[0], &right[n], right, w);
-    for (int i = 0; i < n; ++i) {
-        error[n + i] = time * (right[n + i] + w[i]);
-        error[i] = time * (error[n + i] + right[i]);
-    }
+    F(advance)(nq + nv, RADAU_STAGES, eom_radau_error, inverse, radau->z, PADDED_TO_BLOCKS(nq + nv), dx, right);
+    (void)robot->stage_solution(problem->motion.h, radau->factors[0], &right[nq], right, w);
+    for (int i = 0; i < nv; ++i) { error[nq + i] = time * (right[nq + i] + w[i]); }
+    for (int i = 0; i < nq; ++i) { error[i] = time * (error[nq + i] + right[i]); }
 }

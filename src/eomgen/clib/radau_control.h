@@ -5,7 +5,7 @@
 EOM_LOCAL void F(scale_radau)(const F(integration) *restrict it, int l, const REAL *restrict last, REAL *restrict scale)
 {
     const EOM(tolerance) *const allowed = F(tolerance_of)(it, l);
-    for (int i = 0; i < 2 * N_OF(it->problem.motion.robot->sizes); ++i) {
+    for (int i = 0; i < STATE_OF(it->problem.motion.robot->sizes); ++i) {
         const double begin = fabs((double)LANE_OF(it->step.x[i], l));
         const double end = (last == NULL) ? begin : fabs((double)LANE_OF(it->step.x[i], l) + (double)LANE_OF(last[i], l));
         const int place = F(place_of)(&it->problem.motion, l, i);
@@ -22,7 +22,7 @@ EOM_LOCAL void F(measure_radau)(F(integration) *restrict it, const REAL *restric
         EOM_SCALAR squares = (EOM_SCALAR)0.0;
         if ((radau->solves[l] == 0) || ((double)LANE_OF(*sum, l) < HUGE_VAL)) { continue; }
         F(scale_radau)(it, l, last, radau->scale);
-        for (int i = 0; i < 2 * N_OF(it->problem.motion.robot->sizes); ++i) {
+        for (int i = 0; i < STATE_OF(it->problem.motion.robot->sizes); ++i) {
             const EOM_SCALAR scaled = LANE_OF(last[i], l) * LANE_OF(radau->scale[i], l);
             squares += scaled * scaled;
         }
@@ -37,8 +37,8 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
     const F(problem) *const problem = &it->problem;
     const F(step) *const step = &it->step;
     F(radau) *const radau = &it->radau;
-    const int n = N_OF(problem->motion.robot->sizes);
-    const REAL *const last = &radau->z[(RADAU_STAGES - 1) * PADDED_TO_BLOCKS(2 * n)];
+    const int nx = STATE_OF(problem->motion.robot->sizes);
+    const REAL *const last = &radau->z[(RADAU_STAGES - 1) * PADDED_TO_BLOCKS(nx)];
     double enough[WIDTH];
     double before[WIDTH];
     int failed_before[WIDTH];
@@ -70,7 +70,7 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
         if (round == 0) { F(measure_radau)(it, last, &sum); }
         some = F(look_at_radau)(round, enough, sum, problem->failed, before, radau);
     }
-    for (int i = 0; i < 2 * n; ++i) { step->x_end[i] = step->x[i] + last[i]; }
+    for (int i = 0; i < nx; ++i) { step->x_end[i] = step->x[i] + last[i]; }
     F(error_of_radau)(problem, dt, step->dx, radau, step->error);
     if (problem->clock.inputs[0] != NULL) { F(put_prescribed_ends)(problem, step, work.input); }
     for (int l = 0; l < (int)WIDTH; ++l) {
@@ -78,19 +78,19 @@ EOM_LOCAL void F(take_radau_step)(F(integration) *restrict it, REAL dt, F(worksp
         if (radau->solves[l] != 0) { again = 1; }
     }
     if (again != 0) { /* an error that is too great may be that of stiff parts alone, which rates where it leads to do not have */
-        for (int i = 0; i < 2 * n; ++i) { radau->here[i] = step->x[i] + step->error[i]; }
+        for (int i = 0; i < nx; ++i) { radau->here[i] = step->x[i] + step->error[i]; }
         (void)memcpy(failed_before, problem->failed, sizeof failed_before);
         F(rate)(problem, 0.0, INSIDE_STAGE, radau->here, radau->rates, work);
         F(forget_failures)(radau, failed_before, problem->failed);
         F(error_of_radau)(problem, dt, radau->rates, radau, radau->scale);
         for (int l = 0; l < (int)WIDTH; ++l) {
-            for (int i = 0; (radau->solves[l] != 0) && (i < 2 * n); ++i) { LANE_OF(step->error[i], l) = LANE_OF(radau->scale[i], l); }
+            for (int i = 0; (radau->solves[l] != 0) && (i < nx); ++i) { LANE_OF(step->error[i], l) = LANE_OF(radau->scale[i], l); }
         }
         if (problem->clock.inputs[0] != NULL) { F(put_prescribed_ends)(problem, step, work.input); }
     }
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (it->going[l] != 0) { radau->evaluations[l] += (double)(1 + RADAU_STAGES * radau->rounds[l] + radau->solves[l]); }
-        for (int i = 0; (radau->solved[l] == 0) && (i < 2 * n); ++i) { LANE_OF(step->error[i], l) = LANE_OF(last[i], l); }
+        for (int i = 0; (radau->solved[l] == 0) && (i < nx); ++i) { LANE_OF(step->error[i], l) = LANE_OF(last[i], l); }
     }
 }
 
@@ -133,15 +133,15 @@ EOM_LOCAL int F(judge_radau)(F(radau) *restrict radau, eom_progress *restrict p,
 EOM_LOCAL void F(keep_inside)(F(integration) *restrict it)
 {
     F(radau) *const radau = &it->radau;
-    const int n = N_OF(it->problem.motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(2 * n);
+    const int nx = STATE_OF(it->problem.motion.robot->sizes);
+    const int apart = PADDED_TO_BLOCKS(nx);
     for (int k = 0; k < RADAU_STAGES; ++k) {
         REAL *const kept = &radau->inside[k * apart];
         REAL *const made = (WIDTH > 1) ? radau->here : kept;
         if ((WIDTH == 1) && (it->taken[0] == 0)) { continue; }
-        F(weigh)(2 * n, RADAU_STAGES, eom_radau_inside[k], radau->z, apart, made);
+        F(weigh)(nx, RADAU_STAGES, eom_radau_inside[k], radau->z, apart, made);
         for (int l = 0; (WIDTH > 1) && (l < (int)WIDTH); ++l) {
-            for (int i = 0; (it->taken[l] != 0) && (i < 2 * n); ++i) { LANE_OF(kept[i], l) = LANE_OF(made[i], l); }
+            for (int i = 0; (it->taken[l] != 0) && (i < nx); ++i) { LANE_OF(kept[i], l) = LANE_OF(made[i], l); }
         }
     }
     for (int l = 0; l < (int)WIDTH; ++l) {

@@ -170,7 +170,7 @@ EOM_LOCAL void eom_track_reference(const eom_tracking *restrict control, const e
     }
 }
 
-/* Add forces of drives but for those of computed torque, and write what that asks its model; positions and velocities of
+/* Add forces of n drives but for those of computed torque, and write what that asks its model; positions and velocities of
  * prescribed coordinates are put into q and v, their accelerations into prescribed.  work: 5 n. */
 EOM_LOCAL void eom_inputs_at(const EOM(inputs) *restrict inputs, int n, eom_instant at, double *restrict q, double *restrict v, double *restrict u, double *restrict prescribed, double *restrict asked, double *restrict work)
 {
@@ -244,17 +244,17 @@ EOM_LOCAL void eom_wrenches_at(const EOM(inputs) *restrict inputs, int size, eom
     }
 }
 
-/* Generalized forces of wrenches on all coordinates; here is h of the state.  work: 2 n + wrench. */
+/* Generalized forces of wrenches on all coordinates; here is h of the state.  work: 2 nq + wrench. */
 EOM_LOCAL void eom_wrench_forces(const EOM(sizes) *restrict sizes, const EOM(inputs) *restrict inputs, const EOM_SCALAR *here, eom_instant at, const double *restrict q, double *restrict force, EOM_SCALAR *restrict work)
 {
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
     EOM_SCALAR *const q_here = work;
-    EOM_SCALAR *const pushed = &work[n];
-    EOM_SCALAR *const total = &work[2 * n];
-    for (int i = 0; i < n; ++i) { q_here[i] = (EOM_SCALAR)q[i]; }
+    EOM_SCALAR *const pushed = &work[nq];
+    EOM_SCALAR *const total = &work[2 * nq];
+    for (int i = 0; i < nq; ++i) { q_here[i] = (EOM_SCALAR)q[i]; }
     eom_wrenches_at(inputs, sizes->wrench, at, q_here, total);
     (void)inputs->external_force((inputs->force_h == NULL) ? here : inputs->force_h, q_here, total, pushed);
-    for (int i = 0; i < n; ++i) { force[i] = (double)pushed[i]; }
+    for (int i = 0; i < nq; ++i) { force[i] = (double)pushed[i]; }
 }
 
 /* Whether a coordinate is prescribed: in the place of its force stands its acceleration. */
@@ -272,39 +272,38 @@ EOM_LOCAL int eom_force_place(const EOM(sizes) *restrict sizes, int i)
 /* Add forces of wrenches to those of drives. */
 EOM_LOCAL void eom_add_forces(const EOM(sizes) *restrict sizes, const double *restrict force, double *restrict u)
 {
-    for (int i = 0; i < N_OF(sizes); ++i) {
+    for (int i = 0; i < POSITIONS_OF(sizes); ++i) {
         if (eom_is_prescribed(sizes, i) == 0) { u[eom_force_place(sizes, i)] += force[i]; }
     }
 }
 
 /* Powers of drives and of wrenches, and what dampers and friction dissipate, W.  Of drives with states the power that they take
- * in; where motions are prescribed power[1] is how much more that is than they give to coordinates.  work: 5 n. */
+ * in; where motions are prescribed power[1] is how much more that is than they give to coordinates.  work: nq + 4 nv. */
 EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_balance) *restrict balance, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power, EOM_SCALAR *restrict work)
 {
-    const int n = N_OF(sizes);
+    const int nq = POSITIONS_OF(sizes);
+    const int nv = RATES_OF(sizes);
     EOM_SCALAR *const q_here = work;
-    EOM_SCALAR *const v_here = &work[n];
-    EOM_SCALAR *const rest = &work[2 * n];
-    EOM_SCALAR *const still = &work[3 * n];
-    EOM_SCALAR *const moving = &work[4 * n];
-    (void)memset(rest, 0, (size_t)n * sizeof *rest);
-    for (int i = 0; i < n; ++i) {
-        q_here[i] = (EOM_SCALAR)q[i];
-        v_here[i] = (EOM_SCALAR)v[i];
-    }
+    EOM_SCALAR *const v_here = &q_here[nq];
+    EOM_SCALAR *const rest = &v_here[nv];
+    EOM_SCALAR *const still = &rest[nv];
+    EOM_SCALAR *const moving = &still[nv];
+    (void)memset(rest, 0, (size_t)nv * sizeof *rest);
+    for (int i = 0; i < nq; ++i) { q_here[i] = (EOM_SCALAR)q[i]; }
+    for (int i = 0; i < nv; ++i) { v_here[i] = (EOM_SCALAR)v[i]; }
     (void)balance->generalized_force(balance->passive_h, q_here, rest, still);
     (void)balance->generalized_force(balance->passive_h, q_here, v_here, moving);
     for (int w = 0; w < EOM_WORKS; ++w) { power[w] = 0.0; }
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nv; ++i) { power[3] += ((double)still[i] - (double)moving[i]) * v[i]; }
+    for (int i = 0; i < nq; ++i) {
         power[2] += pushed[i] * v[i];
-        power[3] += ((double)still[i] - (double)moving[i]) * v[i];
         if ((eom_is_prescribed(sizes, i) == 0) && (balance->drive_forces == NULL)) { power[0] += u[i] * v[i]; }
     }
     if (balance->drive_forces != NULL) {
-        for (int i = 0; i < n; ++i) { rest[i] = (EOM_SCALAR)u[i]; }
+        for (int i = 0; i < INPUTS_OF(sizes); ++i) { rest[i] = (EOM_SCALAR)u[i]; }
         (void)balance->drive_forces(balance->drive_h, q_here, v_here, rest, moving);
-        for (int i = 0; i < n; ++i) {
-            const double part = (eom_is_prescribed(sizes, i) == 0) ? (double)moving[i] * v[i] : 0.0;
+        for (int i = 0; i < nv; ++i) {
+            const double part = ((i >= nq) || (eom_is_prescribed(sizes, i) == 0)) ? (double)moving[i] * v[i] : 0.0;
             power[0] += part;
             if ((sizes->is_prescribed != NULL) && (i >= sizes->coordinates)) { power[1] += part; }
         }

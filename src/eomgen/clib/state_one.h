@@ -12,7 +12,7 @@
 #define LANE_OF(x, l) (x)
 #define WHOLE(x) (x)
 #define HERE_OF(h) (h)
-#if defined(EOM_N)
+#if defined(EOM_RATES)
 #define BLOCK 1
 #else
 #define BLOCK 4
