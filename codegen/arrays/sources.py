@@ -16,7 +16,7 @@ from ..kernels.derived import METHODS
 from ..kernels.equations import Equations, derive_equations
 from ..kernels.groups import ARRAYS, kernel_group
 from ..kernels.interface import drive_inputs
-from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, SIGNATURES, available, shapes
+from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, available, shapes, signatures
 from ..program.ir import Program
 from .statements import write_statements
 
@@ -49,7 +49,8 @@ def render_arrays(model: Model, kernels: Sequence[str] = ()) -> str:
         "links": model.links,
         "frames": model.frames,
         "parameters": {key: float(value) for key, value in model.parameters.items()},
-        "n": model.size,
+        "n": len(model.coordinates),
+        "sizes": {"z": len(model.internal_states), "forces": len(model.drives)},
         "setup": h,
         "functions": functions,
         "rolls": {*METHODS["explicit"][2]} <= {*chosen},
@@ -80,10 +81,11 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
 
 def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...], tuple[str, ...]]:
     """Return the program, the arrays that callers pass, and those that are zero."""
+    known = signatures(equations.model)
     closed = CLOSED_PROGRAMS.get(name) if equations.model.constraints else None
     if closed is not None:
-        reads, closed_reads = KERNELS[name].reads, SIGNATURES[closed].reads
+        reads, closed_reads = known[name].reads, known[closed].reads
         return equations.programs[closed], reads, tuple(array for array in closed_reads if array not in reads)
     if name not in equations.programs:
         raise InputError(f"kernels: {show(name)} is no program of arrays; allowed: kernels without loops or calls in C")
-    return equations.programs[name], KERNELS[name].reads, ()
+    return equations.programs[name], known[name].reads, ()

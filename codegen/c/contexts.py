@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from ..kernels.bodies import axes_of, first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.constraint_rows import deriving_precision
 from ..kernels.derived import GRADIENTS
+from ..kernels.entries import JOINED, KernelTable
 from ..kernels.equations import Equations
-from ..kernels.interface import turning_joints
-from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions
+from ..kernels.interface import places_of_forces, turning_joints
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
@@ -46,12 +47,14 @@ def statuses(model: Model) -> int:
 
     A pivot of a coordinate; a constraint's residual, its rate, or its acceleration; a force on an undriven coordinate.
     """
-    return model.size + (3 * len(model.constraints) + model.size if model.constraints else 0)
+    n, m = len(model.coordinates), len(model.constraints)
+    return 2 * n + 3 * m if m else n
 
 
 def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
     """Return names, their counts, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
-    model, public = equations.model, functions(equations.kernels)
+    model, known = equations.model, signatures(equations.model)
+    public = functions(equations.kernels, known)
     turning = turning_joints(model)
     return {
         "name": model.name,
@@ -60,7 +63,9 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "dtype": equations.dtype,
         "real": SCALARS[equations.dtype].name,
         "eom": LIBRARY[equations.dtype],
-        "n": model.size,
+        "n": len(model.coordinates),
+        "rates": model.size,
+        "inputs_in_c": len(model.coordinates) + len(model.drives),
         "m": len(model.constraints),
         "statuses": statuses(model),
         "closed": bool(model.constraints),
@@ -85,6 +90,30 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
     }
 
 
+def _arguments(known: KernelTable, n: int, real: str, shared: str) -> dict[str, Callable[..., Any]]:
+    """Return what templates write of a function's arguments: ``taken`` in its head, ``passed`` where it is called.
+
+    ``joined`` gives both for the function that integrations call instead, if there is one.
+    """
+
+    def taken(kernel: str) -> str:
+        arrays = [f"const {shared} *restrict h", *(f"const {real} *restrict {x}" for x in known[kernel].reads)]
+        return f"{', '.join(arrays)}, {real} *restrict out"
+
+    def passed(kernel: str, **others: str) -> str:
+        return ", ".join(["h", *(others.get(x, x) for x in known[kernel].reads)])
+
+    def joined(kernel: str) -> tuple[str, str] | None:
+        reads = known[kernel].reads
+        if not known[kernel].is_joined:
+            return None
+        given = ", ".join([f"const {shared} *h", *(f"const {real} *{x}" for x in reads if x not in JOINED)])
+        values = passed(kernel, **{x: f"&{array}[{n}]" for x, array in JOINED.items()})
+        return f"{given}, {real} *out", values
+
+    return {"taken": taken, "passed": passed, "joined": joined}
+
+
 def _closed_functions(equations: Equations) -> list[str]:
     """List the functions that assemble loops, with their programs, which do so without a look at residuals."""
     closing = {*CHECKED, "settling"}
@@ -105,20 +134,23 @@ def _functions(public: list[Function]) -> dict[str, Any]:
 def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
     model, dtype, scalar = equations.model, equations.dtype, SCALARS[equations.dtype]
+    known = signatures(model)
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
-    singular = f"singular({model.size}, pivot)"
+    singular = f"singular({len(model.coordinates)}, pivot)"
     definitions = [
-        define(program, model.name, scalar, singular=singular, public=program.name in public) for program in whole
+        define(program, known[program.name], model.name, scalar, singular=singular, public=program.name in public)
+        for program in whole
     ]
-    looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
+    looped = [x for x in functions(equations.kernels, known) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
         "shared": scalar.name,
         "suffix": "",
         "linkage": "",
         "singular": singular,
+        **_arguments(known, len(model.coordinates), scalar.name, scalar.name),
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
@@ -262,7 +294,7 @@ def _tables(model: Model) -> dict[str, Any]:
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
         "is_prescribed": [int(i in model.prescribed) for i in range(model.size)],
-        "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
+        "beside": places_of_forces(model) if model.drives else [],
         "drives": [{"at": i, "states": states} for i, states in model.drives.items()],
         "states": len(model.internal_states),
         "christoffel_words": lambda: christoffel_words(model),  # asked for by one template alone
@@ -279,14 +311,16 @@ def lane_context(equations: Equations) -> dict[str, Any]:
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
     ]
-    public = _functions(functions(together))
+    known = signatures(model)
+    public = _functions(functions(together, known))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
-    singular = f"singular_lanes({model.size}, {statuses(model)}, pivot)"
+    singular = f"singular_lanes({len(model.coordinates)}, {statuses(model)}, pivot)"
     alone = {name: packing.program for name, packing in packings.items()}
     definitions = [
         define(
             _short_lived(alone.get(p.name, p)),
+            known[p.name],
             model.name,
             lanes,
             singular=singular,
@@ -305,6 +339,7 @@ def lane_context(equations: Equations) -> dict[str, Any]:
         "suffix": "_lanes",
         "linkage": "static ",
         "singular": singular,
+        **_arguments(known, len(model.coordinates), lanes.name, lanes.shared),
         "whole": lanes.whole,
         "one": lanes.whole(one),
         "zero": lanes.whole(zero),
@@ -312,7 +347,7 @@ def lane_context(equations: Equations) -> dict[str, Any]:
         "equations_of_robot": {"_lanes": {p.name for p in programs if p.name not in packings or p.name in called}},
         "packings": packings,
         "several": {p.name for p, definition in zip(programs, definitions, strict=True) if definition.several},
-        "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
+        "unpacked": [(name, known[name]) for name in packings if name in called],
         "shares": _shares(equations, scalar.lanes()) if equations.shares.keys() & set(together) else None,
         "composed": _templates(composed),
         "closing": _closing_files(equations, [*composed, *framed]),

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..kernels.entries import Signature
-from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program
 from .scalar_types import Scalar
 from .statements import CHUNK, NO_STOPS, Function, reads, write_function
@@ -24,6 +23,7 @@ class Definition:
     scalar: type of what it computes.
     linkage: "static " or nothing.
     several: name of the function that computes several vectors part by part; empty where there is none.
+    signature: of its kernel; None of runs of bodies and of the setup.
     """
 
     name: str
@@ -31,11 +31,7 @@ class Definition:
     scalar: Scalar
     linkage: str = ""
     several: str = ""
-
-    @property
-    def signature(self) -> Signature | None:
-        """Signature of its kernel; None of runs of bodies and of the setup."""
-        return SIGNATURES.get(self.function.name)
+    signature: Signature | None = None
 
     @property
     def inputs(self) -> list[tuple[str, str]]:
@@ -75,6 +71,7 @@ class Definition:
 
 def define(
     program: Program,
+    signature: Signature,
     robot: str,
     scalar: Scalar,
     *,
@@ -92,11 +89,12 @@ def define(
     """
     pivots = any(array == "pivot" for array, _ in program.outputs)
     ending, chunk = f"return {singular if pivots else 0};", SHORT if several else CHUNK
-    function = write_function(program, scalar, ending=ending, chunk=chunk)
+    function = write_function(program, scalar, signature, ending=ending, chunk=chunk)
     name = f"{robot}_{program.name}"
     together = f"{name}_several" if several and len(function.chunks) > 1 else ""
     name += "_packed" if packed else "_lanes" if scalar.spread else ""
-    return Definition(name, function, scalar, "" if public and not scalar.spread else "static ", together)
+    linkage = "" if public and not scalar.spread else "static "
+    return Definition(name, function, scalar, linkage, together, signature)
 
 
 def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:

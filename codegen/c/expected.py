@@ -15,17 +15,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.robot.model import Model
+
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
 from ..kernels.derivatives.whole import is_joined, whole_program
 from ..kernels.equations import Equations
-from ..kernels.signatures import SIGNATURES, Function, functions
+from ..kernels.signatures import SIGNATURES, Function, functions, signatures
 from ..program.ir import Program, evaluate_lanes
 from .contexts import PIVOT_LIMITS
 
 Array = NDArray[Any]
 
 STATES = 2
+INPUTS = {"q", "v", "z", "u", "forces"}  # of motions
 COPIES = 4  # of each state, rounded at random
 UNITS = 8.0  # in the last place that an operation of a copy is off by at most
 SAFETY = 16.0  # times the largest deviation of a copy: the tolerance
@@ -80,9 +83,10 @@ class _Reference:
         rng, copies = np.random.default_rng(1), STATES * COPIES
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
-        self.functions = [x for x in functions(equations.kernels) if x.kind != "gradient"]
+        known = signatures(equations.model)
+        self.functions = [x for x in functions(equations.kernels, known) if x.kind != "gradient"]
         sizes = equations.interface["shapes"]
-        read = sorted({"q", "v", "u"} | {array for x in self.functions for array in x.signature.reads})
+        read = sorted({*INPUTS & sizes.keys()} | {array for x in self.functions for array in x.signature.reads})
         self.states = {name: _random(rng, (STATES, int(np.prod(sizes[name])))).astype(dtype) for name in read}
         values = np.array(list(self.model.parameters.values()))
         values = values * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, values.shape))
@@ -189,22 +193,23 @@ def _tolerances(lanes: Array) -> Array:
 
 def _contracted(of: _Reference, column: str) -> Answer:
     """Contract a tensor with a velocity: what the program of a column gives there, which is linear in it."""
-    n, v = of.model.size, of.states["v"][0]
+    n, v = len(of.model.coordinates), of.states["v"][0]
     C = of.run(column, v=np.repeat(v[:, np.newaxis], of.rounding.shape[1], axis=1))["out"]
     return Answer(C, places=np.arange(n**3).reshape(n * n, n), weights=v)
 
 
 def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
-    """Take the derivative along a direction of q, v and u by central differences in double precision.
+    """Take the derivative along a direction of all inputs by central differences in double precision.
 
     Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs.  Where rows
     of constraints are redundant no random state fulfils them, and what the function returns there is not a derivative.
     """
-    n = of.model.size
+    n = of.model.size  # of rates
     closing = next((x for x in calls if SIGNATURES[x].writes == "closing"), None)
     if closing is not None and not _rows_are_independent(of, closing):
         return None
-    moved = {name: np.asarray(of.states[name][0], np.float64) for name in "qvu"}
+    names = [name for name in ("q", "v", "z", "u", "forces") if name in of.states]
+    moved = {name: np.asarray(of.states[name][0], np.float64) for name in names}
 
     def difference(step: float) -> Array:
         ahead, back = (
@@ -219,12 +224,23 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     error = np.abs(fine - coarse)
     if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
-    return Answer(fine, pivots, error, places, np.concatenate([moved[x] for x in "qvu"]))
+    return Answer(fine, pivots, error, places, np.concatenate(_columns(of.model, moved)))
+
+
+def _columns(model: Model, moved: Mapping[Any, Array]) -> Array:
+    """Return changes of arrays by the columns of derivatives by q, by v and z, and by u and forces, (3, n + m)."""
+    n, columns = len(model.coordinates), np.zeros((3, model.size))
+    columns[:, :n] = [moved[name] for name in "qvu"]
+    if "z" in moved:
+        columns[1, n:] = moved["z"]
+    if "forces" in moved:
+        columns[2, [states[0] for states in model.drives.values()]] = moved["forces"]
+    return columns
 
 
 def _rows_are_independent(of: _Reference, closing: str) -> bool:
     """Return whether rows of the constraints' Jacobian that do not vanish are independent in both states."""
-    n, m, lanes, at = of.model.size, len(of.model.constraints), of.rounding.shape[1], 0
+    n, m, lanes, at = len(of.model.coordinates), len(of.model.constraints), of.rounding.shape[1], 0
     D = of.run(closing, a=np.zeros((n, lanes)), multipliers=np.zeros((m, lanes)))["out"]
     J = np.zeros((STATES, m, n))
     for block in row_blocks(of.model):
@@ -239,7 +255,8 @@ def _first_step(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
     """Return the accelerations from rest, by which velocities change in a very short step of every method."""
     if of.model.constraints:
         return None  # states are projected onto the constraints first
-    found = of.accelerations(calls, of.dtype, v=np.zeros_like(of.inputs["v"]))
+    rest = {name: np.zeros_like(of.inputs[name]) for name in ("v", "z") if name in of.inputs}
+    found = of.accelerations(calls, of.dtype, **rest)
     return Answer(found["out"], found.get("pivot"))
 
 
@@ -251,7 +268,7 @@ def _frame_pose(of: _Reference, kernel: str, frame: int) -> Array:
 
 
 def _frame_jacobian(of: _Reference, kernel: str, frame: int) -> Array:
-    k, n = of.run(kernel)["out"], of.model.size
+    k, n = of.run(kernel)["out"], len(of.model.coordinates)
     out = np.zeros((6, n, k.shape[1]), k.dtype)
     for s, column in jacobian_columns(of.model, k, frame).items():
         for i, entry in enumerate(column):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..kernels.equations import Equations
-from ..kernels.signatures import BATCHES, KERNELS, PARTS, SIGNATURES, SINGLES, functions
+from ..kernels.signatures import BATCHES, KERNELS, PARTS, SIGNATURES, SINGLES, functions, signatures
 from ..program.ir import GATE, Program
 from .statements import handed_on, split, trig_values, workspace
 
@@ -20,10 +20,11 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 def batched(equations: Equations) -> list[str]:
     """List kernels that work on several states at a time: public ones whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()}
+    known = signatures(equations.model)
     size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_kept")}
 
     def values(name: str) -> int:
-        signature = SIGNATURES[name]
+        signature = known[name]
         if name in equations.shares:
             between = {key for run in equations.shares[name].runs for key in run.program.outputs}
             results = [function.writes for function in signature.functions.values()]
@@ -79,12 +80,14 @@ def functions_of_libraries(equations: Equations, *, batches: bool = True) -> dic
     The library "singles" has those for one state, and batches that call these state by state; "batches" has those that
     work on vectors.  Each begins with "setup", which a library of both has once.
     """
-    singles = [function.name for function in functions(equations.kernels)]
+    known = functions(equations.kernels, signatures(equations.model))
+    singles = [function.name for function in known]
+    singles += [f"{x.name}_joined" for x in known if x.signature.in_balances and x.signature.is_joined]
     if not batches:
         return {SINGLES: ("setup", *singles)}
     vectors = [f"{function.name}_batch" for function in functions(batched(equations))]
     alone = {function.name for function in functions(equations.kernels) if function.kind == "gradient"}
-    looped = [f"{name}_batch" for name in singles if f"{name}_batch" not in vectors and name not in alone]
+    looped = [f"{x.name}_batch" for x in known if f"{x.name}_batch" not in vectors and x.name not in alone]
     return {SINGLES: ("setup", *singles, *looped), BATCHES: ("setup", *vectors)}
 
 

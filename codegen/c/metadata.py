@@ -54,6 +54,6 @@ def survivors(model: Model) -> dict[str, list[str]]:
     By array a text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
     """
     zeros = zero_map(model)
-    v, w = np.triu_indices(model.size)
+    v, w = np.triu_indices(len(model.coordinates))
     rows = {"matrix": zeros.mass_matrix.mask, "tensor": zeros.christoffel.mask[:, v, w]}
     return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}

@@ -53,7 +53,7 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
         return equations.programs[name].count()
     if KERNELS[name].columns_of:
         column = equations.programs[KERNELS[name].columns_of].count()
-        return {key: equations.model.size * number for key, number in column.items()}
+        return {key: len(equations.model.coordinates) * number for key, number in column.items()}
     closed = KERNELS[name].closed if equations.model.constraints else ()
     counted = closed or KERNELS[name].counts or KERNELS[name].calls
     parts = [equations.programs[program].count() for program in counted]

@@ -13,7 +13,7 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import Function, functions
+from ..kernels.signatures import Function, functions, signature_table
 from .library import public_headers
 from .scalar_types import SCALARS
 from .source import environment
@@ -82,7 +82,10 @@ def quoted(text: str) -> str:
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
-    public, n = functions(meta["kernels"]), len(meta["coordinates"]) + len(meta.get("internal_states", ()))
+    n, states, drives = (len(meta.get(x, ())) for x in ("coordinates", "internal_states", "inputs"))
+    known = signature_table(states=bool(states), drives=bool(drives))
+    public = functions(meta["kernels"], known)
+    described = [_function(function, meta["shapes"]) for function in public if not function.is_rollout]
     return {
         "name": name,
         "space": safe(name),
@@ -91,11 +94,14 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "dtype": meta["dtype"],
         "real": scalar.name,
         "n": n,
-        "internal_states": len(meta.get("internal_states", ())),
+        "internal_states": states,
+        "rates": n + states,
+        "inputs": n + drives,
         "hoisted": max(meta["hoisted"], 1),
         "tables": _tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
-        "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
+        "functions": described,
+        "most": max((max(len(x["reads"]), len(x["shape"])) for x in described), default=1),
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
         "m": len(meta.get("constraints", ())),
@@ -104,22 +110,11 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type.
-
-    ``first``: the place of a table's first name in arrays; internal states stand behind coordinates.
-    """
+    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type."""
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
     names |= {"state": meta["internal_states"]} if "internal_states" in meta else {}
-    return [
-        {
-            "key": key,
-            "names": identifiers(list(x)),
-            "has_type": key == "frame",
-            "first": len(meta["coordinates"]) if key == "state" else 0,
-        }
-        for key, x in names.items()
-    ]
+    return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]
 
 
 def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:

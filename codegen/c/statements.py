@@ -13,7 +13,7 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from ..kernels.signatures import SIGNATURES
+from ..kernels.entries import Signature
 from ..program.ir import FIRST, GATE, Program, first_values, needed, users
 from ..program.operations import ANGULAR
 from ..program.shares import GIVEN
@@ -59,6 +59,7 @@ class Function:
 def write_function(
     program: Program,
     scalar: Scalar,
+    signature: Signature | None = None,
     *,
     turning: bool = True,
     stops: Mapping[int, int] = NO_STOPS,
@@ -68,12 +69,12 @@ def write_function(
     """Write a program as statements of C.
 
     Args:
+        signature: of the program's kernel; None of a part of one, and of the setup.
         turning: take all sines and cosines at once in front (``turn`` of ``clib/lanes.h``), not one by one.
         stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
         ending: statement that ends the function where a gate is shut.
         chunk: values per function; 0: CHUNK.
     """
-    signature = SIGNATURES.get(program.name)
     arrays = tuple(a for a in ARRAYS if a in program.inputs()) if signature is None else ("h", *signature.reads)
     writer = _Writer(program, scalar, turning, stops, ending, chunk or CHUNK)
     chunks = writer.chunks()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from ..program.forward_mode import gradients
-from ..program.ir import Graph
+from ..program.ir import Graph, Node
 from ..tree.composite import Rows
 from ..tree.constraints import Closure
 from ..tree.frozen_joints import PosedTree
@@ -73,9 +73,10 @@ class Slopes:
         """Add the derivatives of forces, which depend on these coordinates alone, by differentiating the graph."""
         moving = self.moving(moved_by)
         for x, into in ((self.q, self.by_q), (self.v, self.by_v)):
-            derivatives = gradients(self.graph, list(rows.values()), [x[j] for j in moving])
+            inputs = {j: place for j in moving if isinstance(place := x[j], Node)}  # internal states have no positions
+            derivatives = gradients(self.graph, list(rows.values()), list(inputs.values()))
             for i, row in zip(rows, derivatives, strict=True):
-                for j, slope in zip(moving, row, strict=True):
+                for j, slope in zip(inputs, row, strict=True):
                     add_to(into, (i, j), slope)
 
 

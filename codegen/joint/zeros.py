@@ -22,7 +22,6 @@ from .facts import facts_of
 Mask = NDArray[np.bool_]
 
 ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
-STATE = "internal state: its inertia stands on the diagonal of M alone"
 TREE = "not in one chain: no body is moved by all of the coordinates"
 LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
 SHARPER = "sharper lemma: nothing at or after a joint turns its translations"
@@ -88,7 +87,7 @@ def zero_map(model: Model) -> ZeroMap:
     if model.followers:
         return _led(model)
     structure = _Structure(model)
-    n = model.size
+    n = len(model.coordinates)
     upper = np.triu(np.ones((n, n), dtype=bool))
     mass = _tally(upper, structure.mass_rules())
     christoffel = _tally(np.broadcast_to(upper, (n, n, n)), structure.christoffel_rules())
@@ -100,12 +99,12 @@ def zero_map(model: Model) -> ZeroMap:
 def _led(model: Model) -> ZeroMap:
     """Count zeros of S^T M S and of C likewise: each under the reason that the leaders' entry has."""
     whole = model.tree
-    zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.velocities)}
-    places = [names[name] for name in model.velocities]
-    moves = np.eye(whole.size, dtype=bool)[:, places]
+    zeros, names = zero_map(whole), {name: i for i, name in enumerate(whole.coordinates)}
+    places = [names[name] for name in model.coordinates]
+    moves = np.eye(len(whole.coordinates), dtype=bool)[:, places]
     for follower, leaders in model.leaders.items():
-        moves[names[follower]] = np.isin(model.velocities, leaders)
-    upper = np.triu(np.ones((model.size,) * 2, dtype=bool))
+        moves[names[follower]] = np.isin(model.coordinates, leaders)
+    upper = np.triu(np.ones((len(model.coordinates),) * 2, dtype=bool))
 
     def tally(of: Tally, more: Mask | bool = False) -> Tally:
         mask = of.mask
@@ -129,8 +128,8 @@ def _bends(model: Model, inertial: Mask) -> Mask:
 
     inertial: whether M of the tree couples each of its coordinates with what a leader moves, (tree, leaders).
     """
-    whole, names = model.tree.velocities, {name: i for i, name in enumerate(model.velocities)}
-    left = np.zeros((model.size,) * 3, dtype=bool)
+    whole, names = model.tree.coordinates, {name: i for i, name in enumerate(model.coordinates)}
+    left = np.zeros((len(model.coordinates),) * 3, dtype=bool)
     pairs: dict[str, set[tuple[int, int]]] = {}
 
     def moving(name: str) -> list[int]:
@@ -150,16 +149,15 @@ class _Structure:
     """Relations between the coordinates of a model, as (n, n) masks."""
 
     def __init__(self, model: Model) -> None:
-        self.body, self.modal = np.zeros(model.size, dtype=int), np.zeros(model.size, dtype=bool)
+        n = len(model.coordinates)
+        self.body, self.modal = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
         for k, body in enumerate(model.bodies):
             self.body[[*body.indices, *body.modes]] = k
             self.modal[list(body.modes)] = True
-        self.motor = np.isin(np.arange(model.size), list(model.motors))
-        self.state = np.arange(model.size) >= len(model.coordinates)
+        self.motor = np.isin(np.arange(n), list(model.motors))
         bent = np.array([_is_bent(model, body.links[0]) for body in model.bodies], dtype=bool)
         self.linear = self.modal & ~bent[self.body]  # modes whose deflections have no second order
-        self.apart = self.motor | self.state  # have an inertia of their own alone
-        spatial = ~(self.apart[:, None] | self.apart)
+        spatial = ~(self.motor[:, None] | self.motor)
         above = np.zeros((len(model.bodies),) * 2, dtype=bool)
         for k in range(len(model.bodies)):
             above[list(model.ancestors(k)), k] = True
@@ -167,18 +165,16 @@ class _Structure:
         self.same = (self.body[:, None] == self.body) & spatial
         upstream = above[np.ix_(self.body, self.body)] & spatial
         upstream &= self.same | ~self.modal[:, None]  # modes move their own bodies; nodes are joints that follow them
-        self.related = upstream | upstream.T | np.diag(self.apart)
-        self.before = upstream & (~self.same | (np.arange(model.size)[:, None] <= np.arange(model.size)))
-        self.translations, self.constant = (np.zeros(model.size, dtype=bool) for _ in range(2))
-        self.vanishing, self.orthogonal, self.coaxial = (np.zeros((model.size,) * 2, dtype=bool) for _ in range(3))
+        self.related = upstream | upstream.T | np.diag(self.motor)
+        self.before = upstream & (~self.same | (np.arange(n)[:, None] <= np.arange(n)))
+        self.translations, self.constant = (np.zeros(n, dtype=bool) for _ in range(2))
+        self.vanishing, self.orthogonal, self.coaxial = (np.zeros((n,) * 2, dtype=bool) for _ in range(3))
         for body in model.bodies:
             self._take_facts(model, body)
 
     def mass_rules(self) -> Iterator[tuple[str, Mask]]:
         if self.motor.any():
             yield ROTOR, (self.motor[:, None] | self.motor) & ~np.eye(len(self.motor), dtype=bool)
-        if self.state.any():
-            yield STATE, (self.state[:, None] | self.state) & ~np.eye(len(self.state), dtype=bool)
         yield TREE, ~self.related
         yield ORTHOGONAL, self.orthogonal | self.orthogonal.T
         yield COAXIAL, self.coaxial | self.coaxial.T
@@ -188,8 +184,6 @@ class _Structure:
         s, v, w = np.ix_(*(np.arange(len(self.body)),) * 3)
         if self.motor.any():
             yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
-        if self.state.any():
-            yield STATE, self.state[s] | self.state[v] | self.state[w]
         together = self.related[s, v] & self.related[s, w] & self.related[v, w]
         yield TREE, ~together
         # the second derivatives of one joint, or a first one that nothing downstream changes

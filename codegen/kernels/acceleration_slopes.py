@@ -52,7 +52,7 @@ def _add_forces(d: Derivation, by_q: Rows, by_v: Rows, elements: Iterable[ForceE
     """
 
     def moving(indices: Sequence[int]) -> list[int]:
-        return [i for i in d.followers.leaders(indices) if i in d.active]
+        return [i for i in d.followers.leaders(indices) if i in d.rates]
 
     slopes = Slopes(d.graph, by_q, by_v, d.q, d.v, moving)
     for element in elements:
@@ -128,7 +128,7 @@ def _turned_round(d: Derivation, i: int, by_q: Rows, by_v: Rows) -> dict[Hashabl
     """Return row i of the derivatives by q and v, on the other side of the equation."""
     row: dict[Hashable, Scalar] = {}
     for x, rows in ((d.q, by_q), (d.v, by_v)):
-        row |= {_key(x[j]): -1.0 * rows[i, j] for j in d.active if (i, j) in rows}
+        row |= {_key(x[j]): -1.0 * rows[i, j] for j in d.rates if (i, j) in rows}
     return row
 
 
@@ -139,13 +139,13 @@ def _written(
     pivots: Pivots,
 ) -> Outputs:
     """Write three matrices, column by column; that by u is symmetric, but for prescribed ones and inputs of drives."""
-    active, size = d.active, len(d.active)
-    inputs = [_key(x[i]) for x in (d.q, d.v, d.columns_of_u) for i in active]
-    rows = jacobian(d.graph, [accelerations[i] for i in active], inputs, partials)
+    places, size = d.rates, len(d.rates)
+    inputs = [_key(x[i]) for x in (d.q, d.v, d.columns_of_u) for i in places]
+    rows = jacobian(d.graph, [accelerations[i] for i in places], inputs, partials)
     apart = {*d.model.prescribed, *d.drive_inputs, *d.model.states_of_drives}
-    for place, i in enumerate(active):
+    for place, i in enumerate(places):
         for other in range(place):
-            if {i, active[other]}.isdisjoint(apart):
+            if {i, places[other]}.isdisjoint(apart):
                 rows[other][2 * size + place] = rows[place][2 * size + other]
     outputs = pivot_outputs(d, pivots)
     for column in range(size):

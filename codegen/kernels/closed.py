@@ -175,7 +175,7 @@ def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     solved = refined(
         tree, rows, _pushing(d, rows), [residual.value for residual in residuals], d.v, rank, d.dtype, d.graph.call
     )
-    first, last = ([x.accelerations[i] for i in d.active] + x.multipliers for x in (solved.first, solved.last))
+    first, last = ([x.accelerations[i] for i in d.rates] + x.multipliers for x in (solved.first, solved.last))
     values = [d.graph.choose(solved.gate, *pair) for pair in zip(last, first, strict=True)]
     values += [residual.value for residual in residuals] + [residual.rate(d.v) for residual in residuals]
     outputs = {**vector(values), **pivot_outputs(d, pivots)}
@@ -194,12 +194,12 @@ def projection(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     residuals = closure_residuals(d, d.still)
     closing = with_rows(d, tree, [residual.row(-residual.value) for residual in residuals])[0]
     slowing = with_rows(d, tree, [residual.row(-residual.rate(d.v)) for residual in residuals])[0]
-    values = [x[i] for x in (closing, slowing) for i in d.active] + [residual.value for residual in residuals]
+    values = [closing[i] for i in d.active] + [slowing[i] for i in d.rates] + [residual.value for residual in residuals]
     return {**vector(values), **pivot_outputs(d, pivots)}
 
 
 def pivot_outputs(d: Derivation, pivots: Pivots) -> Outputs:
-    """Return for every coordinate a pivot with the size that it is compared to."""
+    """Return for every coordinate a pivot with the size that it is compared to; those of states do not vanish."""
     outputs: Outputs = {}
     for place, index in enumerate(d.active):
         outputs["pivot", 2 * place], outputs["pivot", 2 * place + 1] = pivots[index]

@@ -111,7 +111,7 @@ def is_redundant(model: Model) -> bool:
     residuals = [residual for residual in closure_residuals(d, d.still) if residual.jacobian_row]
     if not residuals:
         return False
-    moving = [i for i in d.active if i not in d.model.prescribed and i < len(d.model.coordinates)]
+    moving = [i for i in d.active if i not in d.model.prescribed]
     J = _Jacobian(d, residuals).at(*_regular(model, np.array(model.home)))[:, moving]
     return rank_of(J, REDUNDANT) < len(residuals)
 
@@ -187,7 +187,7 @@ def _closed_jacobian(
     """
     jacobian, q = _Jacobian(d, residuals), np.array(begin)
     values = finish(d.graph, "gaps", vector([residual.value for residual in residuals]))
-    moves = [i not in d.model.prescribed and i < len(d.model.coordinates) for i in d.active]  # internal states do not
+    moves = [i not in d.model.prescribed for i in d.active]
     places = [place for place, moved in enumerate(moves) if moved]
     moving = [d.active[place] for place in places]
     closest, last = None, np.inf

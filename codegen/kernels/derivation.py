@@ -40,17 +40,33 @@ class Derivation:
     places of the coordinates that kernels know, and what is written leaves the others out.  ``described`` is the model
     without such angles.
 
+    ``states``: whether internal states are read, which are 0 else.  They stand behind the coordinates here, as
+    velocities of inertias of their own; ``rates`` are the places of all that has a rate: active coordinates, then
+    states.
+
     Coordinates that follow others are coordinates here, too, and no inputs: ``followers`` moves them after their
     leaders, and maps what is written.
 
-    ``u`` are forces on coordinates, ``drive_inputs`` those of drives by the indices of their coordinates, and
-    ``columns_of_u`` is as kernels read it, with inputs at coordinates and forces beside drives at their first states.
+    ``u`` are forces on coordinates, ``drive_inputs`` inputs of drives with states by the indices of their coordinates:
+    kernels read these in u, and forces beside such drives in an array of their own.  In derivatives by u, whose columns
+    are ``columns_of_u``, these forces stand at the first states of the drives.
     """
 
-    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
+    def __init__(
+        self,
+        model: Model,
+        *,
+        regrouped: bool = True,
+        dtype: str = "float64",
+        turned: bool = False,
+        states: bool = True,
+    ) -> None:
         self.graph, self.dtype = Graph(), dtype
         self.described = model
         self.model, self.active = with_offset_angles(model)
+        first = len(self.model.coordinates)
+        self.states = range(first, self.model.size)
+        self.rates = (*self.active, *self.states)
         turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
         self.turns = len(turns)
         slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
@@ -59,11 +75,12 @@ class Derivation:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
 
         self.q, self.v, self.a, self.u = (self.inputs(name) for name in "qvau")
+        for place, k in enumerate(self.states if states else ()):
+            self.v[k], self.a[k] = self.graph.input("z", place), self.graph.input("zdot", place)
+        self.drive_inputs = {i: self.u[i] for i in self.model.drives}
         self.columns_of_u = list(self.u)
-        self.drive_inputs = {i: self.u[i] for i in self.model.beside}
-        self.u = [self.u[self.model.beside.get(i, i)] for i in range(self.model.size)]
-        for k in self.model.states_of_drives:
-            self.u[k] = 0.0  # what stands there is a force on a coordinate
+        for place, (i, of_drive) in enumerate(self.model.drives.items()):
+            self.u[i] = self.columns_of_u[of_drive[0]] = self.graph.input("forces", place)
         bound = bind(self.model, value, self.graph.sincos, near=regrouped)
         self.followers = Followers(self.model, self.described, bound)
         self.followers.place(self.q)
@@ -77,30 +94,32 @@ class Derivation:
         self.coasting = self.followers.accelerate(list(self.still), self.v)  # leaders are not accelerated
         self.functions = Functions(self.graph.call)
 
-    def inputs(self, name: str) -> list[Scalar]:
-        """Read an array of the coordinates that kernels know, (n,); 0 at the others."""
+    def inputs(self, name: str, *, states: bool = False) -> list[Scalar]:
+        """Read an array of the coordinates that kernels know, and of internal states behind them; 0 at the others."""
         array: list[Scalar] = [0.0] * self.model.size
-        for place, index in enumerate(self.active):
+        for place, index in enumerate(self.rates if states else self.active):
             array[index] = self.graph.input(name, place)
         return array
 
     def vector(self, values: Sequence[Scalar]) -> Outputs:
         """Write a force per coordinate; those on followers act on their leaders."""
-        return self.motion(self.followers.gather(values))
+        gathered = self.followers.gather(values)
+        return vector([gathered[i] for i in self.active])
 
     def motion(self, values: Sequence[Scalar]) -> Outputs:
-        """Write a velocity, acceleration or other change per coordinate."""
-        return vector([values[i] for i in self.active])
+        """Write an acceleration or other change per coordinate, then that of each internal state."""
+        return vector([values[i] for i in self.rates])
 
     def rows(self, rows: Sequence[Mapping[int, Scalar]]) -> Outputs:
         """Write derivatives of values by the coordinates, value by value; an absent one is zero."""
         mapped = [self.followers.row(row) for row in rows]
         return vector([row.get(i, 0.0) for row in mapped for i in self.active])
 
-    def matrices(self, *blocks: Rows) -> Outputs:
-        """Write matrices over the coordinates, one after the other; an absent entry is zero."""
+    def matrices(self, *blocks: Rows, states: bool = False) -> Outputs:
+        """Write matrices over coordinates, and internal states behind them, one after the other; else 0."""
         blocks = tuple(map(self.followers.matrix, blocks)) if self.followers else blocks
-        return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.active for j in self.active])
+        places = self.rates if states else self.active
+        return vector([rows.get((i, j), 0.0) for rows in blocks for i in places for j in places])
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Compute inertial, gravity, spring and damper terms: the forces on coordinates that the motion needs.

@@ -19,7 +19,8 @@ from .entries import Signature
 
 Shape = tuple[int, ...]
 
-RATES: Mapping[str, str] = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
+RATES: Mapping[str, str] = {x: f"d{x}" for x in ("q", "v", "z", "a", "u", "forces", "wrench")}  # of what tangents move
+OTHERS = ("z", "u", "forces", "wrench")  # arrays with time derivatives of their own in jets
 PARAMETER_RATES = "dp"
 MOTION = ("q", "v", "a", "jerk", "snap", "crackle", "pop")  # time derivatives of coordinates, by their order
 ORDERS = (1, 2, 3, 4)  # of jets
@@ -114,7 +115,7 @@ def _steps(text: str, of: str, calls: tuple[str, ...], ending: str) -> Signature
     closed = tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
     return Signature(
         ("q", "v", "u"),
-        "vector",
+        "rate_vector",
         text,
         "gradient",
         calls=(*calls, *derivatives),
@@ -135,6 +136,7 @@ def _along(of: str, writes: str, reads: tuple[str, ...], *moving: str) -> Signat
         "tangent",
         derivative_of=of,
         by_parameters=True,
+        states="v" in reads,
     )
 
 
@@ -148,6 +150,7 @@ def _back(of: str, writes: str, reads: tuple[str, ...], weights: str) -> Signatu
         "adjoint",
         derivative_of=of,
         by_parameters=True,
+        states="v" in reads,
     )
 
 
@@ -172,19 +175,21 @@ GRADIENTS: Mapping[str, Signature] = {
     for way, (method, of, calls) in METHODS.items()
 }
 BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients and sensitivities call
-    "forward_dynamics_along": _along("forward_dynamics", "vector", ("q", "v", "u"), "q", "v", "u"),
+    "forward_dynamics_along": _along("forward_dynamics", "rate_vector", ("q", "v", "u"), "q", "v", "u"),
     "settling_along": _along("settling", "settling", ("q", "v"), "q", "v"),
-    "implicit_step_along": _along("implicit_step", "vector", ("q", "v", "u", "added", "dt"), "q", "v", "u"),
+    "implicit_step_along": _along("implicit_step", "rate_vector", ("q", "v", "u", "added", "dt"), "q", "v", "u"),
     "stage_factors_along": _along("stage_factors", "kept", ("q", "v", "kp", "kd", "times"), "q", "v"),
-    "stage_solution_along": _along("stage_solution", "vector", ("kept", "rates", "shifts"), "kept", "rates", "shifts"),
+    "stage_solution_along": _along(
+        "stage_solution", "rate_vector", ("kept", "rates", "shifts"), "kept", "rates", "shifts"
+    ),
     "implicit_step_parameter_adjoint": _back(
-        "implicit_step", "gradient_of_step", ("q", "v", "u", "added", "dt"), "cotangent_vector"
+        "implicit_step", "gradient_of_step", ("q", "v", "u", "added", "dt"), "cotangent_rate_vector"
     ),
     "stage_factors_parameter_adjoint": _back(
         "stage_factors", "gradient_of_factors", ("q", "v", "kp", "kd", "times"), "cotangent_kept"
     ),
     "stage_solution_parameter_adjoint": _back(
-        "stage_solution", "gradient_of_solution", ("kept", "rates", "shifts"), "cotangent_vector"
+        "stage_solution", "gradient_of_solution", ("kept", "rates", "shifts"), "cotangent_rate_vector"
     ),
 }
 
@@ -195,8 +200,9 @@ def derivative_shapes(
     """Return shapes of what derivatives, as of ``differentiated``, read and write beside arrays of these shapes."""
     table: dict[str, Shape] = {}
     known = dict.fromkeys(MOTION[3:], shapes["q"])
-    known |= {f"{array}{k}": shapes[array] for array in ("u", "wrench") for k in ORDERS}
-    known |= {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
+    known |= {f"{array}{k}": shapes[array] for array in OTHERS if array in shapes for k in ORDERS}
+    known |= {rate: shapes[array] for array, rate in RATES.items() if array in shapes}
+    known |= {WEIGHTS + array: shapes[array] for array in shapes}
     if parameters:
         known[PARAMETER_RATES] = (parameters,)
     for kernel in kernels.values():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, get_args
 
 Kind = Literal[  # in the order in which C and packages have them
@@ -44,16 +44,26 @@ class ArrayAxes:
 
 
 PER_COORDINATE = ("coordinates",)
+PER_RATE = ("rates",)  # of coordinates, then of internal states
 ARRAYS: Mapping[str, ArrayAxes] = {
     "q": ArrayAxes(PER_COORDINATE, "m or rad", "coordinates"),
     "v": ArrayAxes(PER_COORDINATE, "m/s or rad/s", "velocities of the coordinates"),
+    "z": ArrayAxes(("internal_states",), "", "internal states of force laws"),
     "a": ArrayAxes(PER_COORDINATE, "m/s^2 or rad/s^2", "accelerations of the coordinates"),
-    "u": ArrayAxes(PER_COORDINATE, "N or N m", "actuator forces; accelerations at prescribed coordinates"),
+    "u": ArrayAxes(
+        PER_COORDINATE, "N or N m", "actuator forces, or inputs of drives with states; accelerations if prescribed"
+    ),
+    "forces": ArrayAxes(("drives",), "N or N m", "forces beside drives with states, on their coordinates"),
     "wrench": ArrayAxes(("links", 6), "N, N m", "external force, then moment about the centre of mass, base frame"),
     "vector": ArrayAxes(PER_COORDINATE, "", "a number per coordinate"),
+    "rate_vector": ArrayAxes(
+        PER_RATE,
+        "",
+        "a number per coordinate, then per internal state; of forces what drives these, times their inertias",
+    ),
     "matrix": ArrayAxes(PER_COORDINATE * 2, "", "a matrix over the coordinates"),
     "tensor": ArrayAxes(PER_COORDINATE * 3, "", "a number per triple of coordinates"),
-    "derivatives": ArrayAxes((3, *PER_COORDINATE * 2), "", "derivatives by three arrays"),
+    "derivatives": ArrayAxes((3, *PER_RATE * 2), "", "derivatives by q, by v and z, and by a or u"),
     "momenta": ArrayAxes((2, "coordinates"), "", "generalized momentum p = M v, then C^T v"),
     "pair": ArrayAxes((2,), "J", "kinetic, then potential energy"),
     "point": ArrayAxes((3,), "m", "a point, base frame"),
@@ -71,7 +81,9 @@ ARRAYS: Mapping[str, ArrayAxes] = {
     "constraints": ArrayAxes(("constraints",), "", "a number per component of the constraint"),
     "constraint_rows": ArrayAxes(("constraints", "coordinates"), "", "derivatives of the constraint by q"),
     "multipliers": ArrayAxes(("constraints",), "N or N m", "multipliers of the constraint"),
-    "constrained": ArrayAxes(("constrained",), "", "accelerations, multipliers, g, J v"),
+    "constrained": ArrayAxes(
+        ("constrained",), "", "accelerations, derivatives of internal states, multipliers, g, J v"
+    ),
     "settling": ArrayAxes(("settling",), "", "changes of q and v, then g"),
     "chart": ArrayAxes(("chart",), "", "which coordinates are independent, and the factors of the others"),
     "following": ArrayAxes(("following",), "", "q, v and a on the constraint, with the factors of a chart"),
@@ -86,14 +98,17 @@ ARRAYS: Mapping[str, ArrayAxes] = {
     "spring_rows": ArrayAxes(("springs", "coordinates"), "", "derivatives of lengths by q"),
     "element_pairs": ArrayAxes(("element_rows", 2), "", "value, then resisting force"),
     "element_rows": ArrayAxes(("element_rows", "coordinates"), "", "derivatives of values by q"),
-    "added": ArrayAxes(PER_COORDINATE, "", "added to the diagonal of the matrix of a step"),
-    "kp": ArrayAxes(PER_COORDINATE, "", "stiffness of controllers"),
-    "kd": ArrayAxes(PER_COORDINATE, "", "damping of controllers"),
-    "rates": ArrayAxes(PER_COORDINATE, "", "velocities that a stage's matrix is multiplied by"),
+    "added": ArrayAxes(("inputs",), "", "added to the diagonal of the matrix of a step"),
+    "kp": ArrayAxes(("inputs",), "", "stiffness of controllers, then inputs of drives with states"),
+    "kd": ArrayAxes(("inputs",), "", "damping of controllers"),
+    "rates": ArrayAxes(PER_RATE, "", "velocities that a stage's matrix is multiplied by"),
     "shifts": ArrayAxes(PER_COORDINATE, "", "displacements that a stage's matrix is multiplied by"),
     "dt": ArrayAxes((2,), "s, s^2", "step and its square"),
     "times": ArrayAxes((2,), "s, s^2", "factors of damping and stiffness"),
 }
+
+
+JOINED: Mapping[str, str] = {"z": "v", "dz": "dv", "forces": "u", "dforces": "du"}  # arrays, and what they stand behind
 
 
 @dataclass(frozen=True)
@@ -141,7 +156,8 @@ class Signature:
     loaded: the kernel that computes the same where generalized forces u act in addition, for closed loops.
     method: class of the generated method of its name in ``runtime/kernel_methods.py``, if there is one.
     otherwise: the argument by coordinate that the method returns where no drive has internal states, if it does.
-    states: whether the result depends on internal states of force laws.
+    states: whether the result depends on internal states of force laws, or its C has their places among its arguments.
+    in_balances: whether energy balances of integrations call it.
     diagnosis: what error messages take from it about a state: the mass matrix, the forces of a motion of the open tree,
         the constraint violation with its Jacobian and bias, drives of closed loops, poses of loop joints, Jacobian of
         force elements; or nothing.
@@ -175,9 +191,15 @@ class Signature:
     method: MethodClass | None = None
     otherwise: str = ""
     states: bool = False
+    in_balances: bool = False
     diagnosis: Diagnosis = ""
     derivatives: tuple[Kind, ...] = DERIVED
     variants: Mapping[str, Signature] = field(default_factory=dict)
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether integrations call it by another function, with z behind v and forces beside drives behind u."""
+        return not JOINED.keys().isdisjoint(self.reads)
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -223,3 +245,15 @@ def kernel(form: str, text: str, kind: Kind = "program", **more: Any) -> tuple[s
 def table(*rows: tuple[str, Signature]) -> dict[str, Signature]:
     """Return signatures by their names."""
     return dict(rows)
+
+
+def with_internal_states(signature: Signature, *, states: bool, drives: bool) -> Signature:
+    """Return a signature for robots with internal states: z behind v where it counts, forces beside drives behind u.
+
+    Args:
+        states: whether the robot has internal states.
+        drives: whether some belong to drives, whose inputs stand in u.
+    """
+    behind = {"v": ("z",), "dv": ("dz",)} if states and signature.states else {}
+    behind |= {"u": ("forces",), "du": ("dforces",)} if drives else {}
+    return replace(signature, reads=tuple(y for x in signature.reads for y in (x, *behind.get(x, ()))))

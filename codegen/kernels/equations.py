@@ -126,7 +126,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             calls[name] = (signature.columns_of,)
             words = signature.columns_of.replace("_", " ").capitalize()
             choices[name] = f"a loop in C, one {words} per unit velocity"
-        if model.beside and "residual_jacobian" in calls.get(name, ()):
+        if model.drives and "residual_jacobian" in calls.get(name, ()):
             calls[name] = (*calls[name], "drive_jacobian")
         for program in calls.get(name, (name,)):
             if program in raw:
@@ -150,7 +150,7 @@ def _takes_columns(model: Model, kernel: str, known: Mapping[str, Program]) -> b
 
 def columns_cost(model: Model, column: Program) -> int:
     """Count operations of n calls of a program: an upper bound for all its columns written out."""
-    return model.size * sum(column.count().values())
+    return len(model.coordinates) * sum(column.count().values())
 
 
 def derive(model: Model, kernel: str, dtype: str = "float64", known: dict[str, Program] | None = None) -> Program:
@@ -177,7 +177,8 @@ def _derived(model: Model, kernel: str, dtype: str, known: dict[str, Program]) -
     if SIGNATURES[kernel].derivative_of:
         return {kernel: derive_derivative(model, kernel, lambda name: derive(model, name, dtype, known))}
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
-    derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
+    states = SIGNATURES[kernel].states
+    derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned, states=states)
     return {kernel: run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))}
 
 

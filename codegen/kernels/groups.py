@@ -108,7 +108,7 @@ class Differentiable:
 
 
 DIFFERENTIABLE: Mapping[str, Differentiable] = {
-    "residual": Differentiable("r", "residual_jacobian", (("u", "q"), ("u", "v"), ("u", "a"), ("u", "u"))),
+    "residual": Differentiable("r", "residual_jacobian", tuple(("u", x) for x in ("q", "v", "z", "a", "u"))),
     "inverse_dynamics": Differentiable("u", "residual_jacobian"),
     "forward_dynamics": Differentiable("a", "forward_dynamics_jacobian"),
     "mass_matrix": Differentiable("M", "christoffel"),

@@ -17,7 +17,17 @@ from eomgen.robot.value import MOTOR, Coupling, Loop
 
 from ..tree.regressor import described_values, regressor_names
 from .entries import Signature
-from .signatures import EXTERNAL, KERNELS, OWN_KERNELS, closes_loops, element_rows, functions, reading_names, shapes
+from .signatures import (
+    EXTERNAL,
+    KERNELS,
+    OWN_KERNELS,
+    closes_loops,
+    element_rows,
+    functions,
+    reading_names,
+    shapes,
+    signatures,
+)
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
@@ -32,7 +42,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
     those of the kind "frames", and ``RawFunction`` says what a kind means.
     """
-    robot = model.robot
+    robot, known = model.robot, signatures(model)
     free = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed]
     motors = {model.coordinates[index]: model.coordinates[principal] for index, principal in model.motors.items()}
     described = {
@@ -58,7 +68,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "least": leasts(robot, model.parameters),
         "shapes": {key: list(shape) for key, shape in shapes(model, kernels).items()},
         "kernels": {
-            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
+            name: {"reads": known[name].reads, "writes": known[name].writes}
             for name in KERNELS.compiled
             if name in kernels
         },
@@ -71,7 +81,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 **_method(function.signature, closed=bool(model.constraints)),
                 **({"closes": True} if model.constraints and closes_loops(function.kernel) else {}),
             }
-            for function in functions(kernels)
+            for function in functions(kernels, known)
         },
         "knots": knots(model),
         "elements": {x: owners for x, owners in element_places(robot, model.parameters).items() if owners},
@@ -130,13 +140,19 @@ def _bends(coupling: Coupling) -> dict[str, Any]:
 
 
 def drive_inputs(model: Model) -> dict[str, list[Any]]:
-    """Return what u means at coordinates with a drive, its unit, and the place in u of a force beside the drive."""
+    """Return what u means at coordinates with a drive, its unit, and the place of a force beside it in ``forces``."""
     inputs = {}
-    for i, place in model.beside.items():
+    for place, i in enumerate(model.drives):
         name = model.coordinates[i]
         law = coordinate_of(model.robot, name).law()
         inputs[name] = [*input_of(law, name), place]
     return inputs
+
+
+def places_of_forces(model: Model) -> list[int]:
+    """Return where forces on each coordinate stand in u with ``forces`` behind it, beside drives with states there."""
+    n, drives = len(model.coordinates), list(model.drives)
+    return [n + drives.index(i) if i in drives else i for i in range(n)]
 
 
 def modal_couplings(model: Model) -> list[list[Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ from ..tree.regressor import regressor_names
 from .blocks import row_blocks
 from .bodies import kinematics_size
 from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
-from .entries import ARRAYS, KINDS, KernelTable, Kind, Signature, WrenchTerm, kernel, table
+from .entries import ARRAYS, KINDS, KernelTable, Kind, Signature, WrenchTerm, kernel, table, with_internal_states
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
@@ -46,10 +47,11 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         method=CORE,
     ),
     kernel(
-        "generalized_force(q, v) -> vector",
+        "generalized_force(q, v) -> rate_vector",
         "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14).",
         wrench=EXTERNAL,
         states=True,
+        in_balances=True,
         method=CORE,
     ),
     kernel(
@@ -62,6 +64,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
         wrench=EXTERNAL_OF_ROWS,
         states=True,
+        in_balances=True,
         method=CORE,
     ),
     kernel(
@@ -74,6 +77,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         loaded="inverse_dynamics_under_load",
         diagnosis="forces",
         states=True,
+        in_balances=True,
         method=CORE,
     ),
     kernel(
@@ -100,7 +104,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         states=True,
     ),
     kernel(
-        "forward_dynamics(q, v, u) -> vector",
+        "forward_dynamics(q, v, u) -> rate_vector",
         "Accelerations under the drives u.",
         solves=True,
         closed=("constrained_dynamics",),
@@ -111,7 +115,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         method=CORE,
     ),
     kernel(
-        "tree_forward_dynamics(q, v, u) -> vector",
+        "tree_forward_dynamics(q, v, u) -> rate_vector",
         "Accelerations under the drives u, loops cut.",
         solves=True,
         needs="constraints",
@@ -141,6 +145,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         "Projection of q and v onto the constraint, by the kinetic energy: changes of both, and g.",
         solves=True,
         needs="constraints",
+        states=True,
     ),
     kernel(
         "following(q, v, a, chart) -> following",
@@ -407,11 +412,12 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         method=MORE,
     ),
     kernel(
-        "drive_forces(q, v, u) -> vector",
+        "drive_forces(q, v, u) -> rate_vector",
         "Forces of drives on coordinates, and voltages on currents less what the motion induces; their power by v is"
         " what drives take in.",
         needs="drives",
         states=True,
+        in_balances=True,
         method=MORE,
         otherwise="u",
     ),
@@ -430,7 +436,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         method=MORE,
     ),
     kernel(
-        "rollout(q, v, u) -> vector",
+        "rollout(q, v, u) -> rate_vector",
         "Many steps of one integration.",
         "rollout",
         calls=("forward_dynamics", "implicit_step"),
@@ -439,7 +445,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
     ),
     kernel(
-        "adaptive_rollout(q, v, u) -> vector",
+        "adaptive_rollout(q, v, u) -> rate_vector",
         "Integration with error control.",
         "adaptive",
         calls=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
@@ -447,7 +453,7 @@ OWN_KERNELS: Mapping[str, Signature] = table(
         solves=True,
     ),
     kernel(
-        "radau_rollout(q, v, u) -> vector",
+        "radau_rollout(q, v, u) -> rate_vector",
         "The same, by Radau IIA, too.",
         "adaptive",
         calls=("forward_dynamics", "stage_factors", "stage_solution", "pair_factors", "pair_solution"),
@@ -471,22 +477,26 @@ PARTS: Mapping[str, Signature] = table(  # programs that only other kernels call
         "loop_wrenches(q, v, multipliers) -> loop_reactions",
         "Force and moment of each cut joint on its second link.",
         needs="cuts",
+        states=True,
     ),
     kernel(
-        "implicit_step(q, v, u, added, dt) -> vector",
+        "implicit_step(q, v, u, added, dt) -> rate_vector",
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
+        states=True,
     ),
     kernel(
         "stage_factors(q, v, kp, kd, times) -> kept",
         "Factors of M + c B + c^2 K, for the stages of a Rosenbrock method.",
+        states=True,
     ),
     kernel(
-        "stage_solution(kept, rates, shifts) -> vector",
+        "stage_solution(kept, rates, shifts) -> rate_vector",
         "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts).",
     ),
     kernel(
         "pair_factors(q, v, kp, kd, pair_times, spans) -> pair_kept",
         "Factors of M + c B + c^2 K with a complex c, for iterations of Radau IIA.",
+        states=True,
     ),
     kernel(
         "pair_solution(pair_kept, pair_rates, pair_shifts) -> pair_vector",
@@ -511,6 +521,24 @@ def closes_loops(name: str) -> bool:
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 
 SIGNATURES = KernelTable({**OWN_KERNELS, **DERIVATIVES, **GRADIENTS, **PARTS, **BACKWARDS})
+
+
+@cache
+def signature_table(*, states: bool, drives: bool) -> KernelTable:
+    """Return all signatures for robots with internal states, or without any; ``drives``: some of them of drives."""
+    if not states:
+        return SIGNATURES
+    own, others = (
+        {name: with_internal_states(row, states=states, drives=drives) for name, row in rows.items()}
+        for rows in (OWN_KERNELS, {**PARTS, **BACKWARDS})
+    )
+    return KernelTable({**own, **differentiated(own), **GRADIENTS, **others})
+
+
+def signatures(model: Model) -> KernelTable:
+    """Return all signatures as a model has them."""
+    return signature_table(states=bool(model.internal_states), drives=bool(model.drives))
+
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     *("forward_dynamics", "forward_dynamics_jacobian", "implicit_step", "stage_factors", "stage_solution"),
@@ -555,7 +583,7 @@ def available(model: Model) -> tuple[str, ...]:
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
         "followers": bool(model.followers),
-        "drives": bool(model.beside),
+        "drives": bool(model.drives),
         "sensors": bool(model.robot.sensors),
     }
     return tuple(
@@ -613,13 +641,13 @@ class Function:
         return self.kind in ("rollout", "adaptive", "gradient")
 
 
-def functions(names: Iterable[str]) -> list[Function]:
+def functions(names: Iterable[str], known: KernelTable = SIGNATURES) -> list[Function]:
     """Return functions that users of these kernels call, in the order in which headers and packages have them.
 
     That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
     """
     wanted = set(names)
-    kernels = {name: signature for name, signature in KERNELS.compiled.items() if name in wanted}
+    kernels = {name: known[name] for name in KERNELS.compiled if name in wanted}
     listed = [
         Function(name, kernel, owner.kind, called)
         for kernel, owner in kernels.items()
@@ -637,8 +665,15 @@ def _uses(array: str, kernels: Collection[str] | None) -> bool:
 
 def _lengths(model: Model, kernels: frozenset[str] | None) -> dict[str, int]:
     """Return the lengths of axes that arrays of a model have; what it has nothing of is left out."""
-    n, m, robot = model.size, len(model.constraints), model.robot
-    always = {"coordinates": n, "links": len(model.links), "frames": len(model.frames), "joints": len(model.bodies)}
+    n, m, robot = len(model.coordinates), len(model.constraints), model.robot
+    always = {
+        "coordinates": n,
+        "rates": model.size,
+        "inputs": n + len(model.drives),
+        "links": len(model.links),
+        "frames": len(model.frames),
+        "joints": len(model.bodies),
+    }
     if _uses("regressor", kernels):
         always["inertial_parameters"] = len(regressor_names(model))
     if _uses("kinematics", kernels):
@@ -646,14 +681,16 @@ def _lengths(model: Model, kernels: frozenset[str] | None) -> dict[str, int]:
     if m:
         always |= {
             "constraints": m,
-            "constrained": n + 3 * m,
-            "settling": 2 * n + m,
+            "constrained": model.size + 3 * m,
+            "settling": n + model.size + m,
             "chart": 2 * n + m + 1 + m * n,
             "following": 3 * n + m * n + m,
             "driving": 3 * n + 5 * m,
             "closing": sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),
         }
     counted = {
+        "internal_states": len(model.internal_states),
+        "drives": len(model.drives),
         "loops": len(robot.loops),
         "cut_laws": len(model.cut_laws),
         "couplings": len(model.followers),
@@ -664,9 +701,10 @@ def _lengths(model: Model, kernels: frozenset[str] | None) -> dict[str, int]:
     return always | {name: length for name, length in counted.items() if length}
 
 
-def _pairs(n: int) -> dict[str, tuple[int, ...]]:
+def _pairs(model: Model) -> dict[str, tuple[int, ...]]:
     """Return shapes of arrays of complex numbers."""
-    return {**dict.fromkeys(("pair_rates", "pair_shifts", "pair_vector"), (2 * n,)), "pair_times": (4,), "spans": (2,)}
+    shifts, rates = (2 * len(model.coordinates),), (2 * model.size,)
+    return {"pair_rates": rates, "pair_shifts": shifts, "pair_vector": rates, "pair_times": (4,), "spans": (2,)}
 
 
 def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tuple[int, ...]]:
@@ -683,6 +721,7 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
         if all(isinstance(axis, int) or axis in lengths for axis in array.axes)
     }
     if kernels is None or "radau_rollout" in kernels:
-        table |= _pairs(model.size)
-    wanted = {name: x for name, x in DERIVATIVES.compiled.items() if kernels is None or name in kernels}
+        table |= _pairs(model)
+    known = signatures(model)
+    wanted = {name: known[name] for name in DERIVATIVES.compiled if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

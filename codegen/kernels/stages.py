@@ -68,13 +68,14 @@ class _Stage(MatrixShare):
     arrays = ARRAYS
 
     def __init__(self, d: Derivation) -> None:
-        places = {index: place for place, index in enumerate(d.active)}
-        super().__init__(d, d.q, d.v, 0.0, {i: d.graph.input("kp", places[d.model.beside[i]]) for i in d.drive_inputs})
-        self.gains = {i: (d.graph.input("kp", places[i]), d.graph.input("kd", places[i])) for i in d.drive_inputs}
+        kp, kd = d.inputs("kp"), d.inputs("kd")
+        inputs = {i: d.graph.input("kp", len(d.active) + place) for place, i in enumerate(d.drive_inputs)}
+        super().__init__(d, d.q, d.v, 0.0, inputs)
+        self.gains = {i: (kp[i], kd[i]) for i in d.drive_inputs}
         self.d, self.counts_turning = d, not d.described.constraints
         times, rates, shifts, _ = self.arrays
         self.c, self.square = d.graph.input(times, 0), d.graph.input(times, 1)
-        self.rates, self.shifts = d.inputs(rates), d.inputs(shifts)
+        self.rates, self.shifts = d.inputs(rates, states=True), d.inputs(shifts)
         for x in (self.rates, self.shifts):
             d.followers.follow(x)
         self.diagonal = [_Slope(0.0, 0.0)] * d.model.size
@@ -327,9 +328,10 @@ def derive_stage(d: Derivation, *, by_leaders: bool = False) -> dict[str, Progra
 
 def derive_pair_stage(d: Derivation, *, by_leaders: bool = False) -> dict[str, Program]:
     """Derive the stage with a complex c, for complex rates and shifts, imaginary parts behind real ones."""
-    whole, n = finish(d.graph, "stage", stage(d, _PairStage, by_leaders=by_leaders)), len(d.active)
+    whole = finish(d.graph, "stage", stage(d, _PairStage, by_leaders=by_leaders))
     times, rates, shifts, _ = PAIR_ARRAYS
-    pairs = on_pairs(whole, {times: 2, rates: n, shifts: n}, dropped=("pivot",), results=("out",))
+    lengths = {times: 2, rates: len(d.rates), shifts: len(d.active)}
+    pairs = on_pairs(whole, lengths, dropped=("pivot",), results=("out",))
     return _parts(run_passes(pairs), PAIR_STAGES, PAIR_ARRAYS)
 
 

@@ -58,7 +58,8 @@ def _nonlinear_effects(d: Derivation, v: list[Scalar]) -> list[Scalar]:
 def _generalized_force(d: Derivation) -> Outputs:
     weights = inertial_rows(replace(d.tree, note=no_note), d.still, d.still, d.bound.gravity)[0]
     springs = d.passive_forces(d.v)
-    return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
+    forces = [-(weight + spring) for weight, spring in zip(weights, springs, strict=True)]
+    return d.motion(d.followers.gather(forces))
 
 
 def _drive_forces(d: Derivation) -> Outputs:
@@ -67,13 +68,13 @@ def _drive_forces(d: Derivation) -> Outputs:
     for element in d.elements:
         for i, force in element.driving(d.v):
             forces[i] = forces[i] + force
-    return d.vector(forces)
+    return d.motion(d.followers.gather(forces))
 
 
 def _drive_jacobian(d: Derivation) -> Outputs:
     """Write derivatives of what drives make by q, v and their inputs."""
     by_q, by_v, by_u = drive_slopes(d)
-    return d.matrices(*({key: -1.0 * x for key, x in rows.items()} for rows in (by_q, by_v, by_u)))
+    return d.matrices(*({key: -1.0 * x for key, x in rows.items()} for rows in (by_q, by_v, by_u)), states=True)
 
 
 def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
@@ -85,7 +86,7 @@ def _residual_jacobian(d: Derivation) -> Outputs:
     if bends(d):
         return modal_residual_jacobian(d)
     slopes = residual_slopes(d, d.a)
-    return d.matrices(slopes.by_q, slopes.by_v, slopes.by_a)
+    return d.matrices(slopes.by_q, slopes.by_v, slopes.by_a, states=True)
 
 
 def _coriolis_matrix(d: Derivation) -> Outputs:

@@ -60,7 +60,7 @@ def frame_jacobians(model: Model, kinematics: Program) -> Program:
     for frame in range(len(model.frames)):
         columns = jacobian_columns(model, values, frame)
         for row in range(6):
-            for s in range(model.size):
+            for s in range(len(model.coordinates)):
                 entry = columns[s][row] if s in columns else ZERO
                 entries.append(entry.value if isinstance(entry, _Kept) else entry)
     return finish(graph, "frame_jacobians", vector(entries))

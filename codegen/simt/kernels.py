@@ -13,7 +13,7 @@ from ..kernels.derivatives.whole import whole_program
 from ..kernels.derived import FRAMED, METHODS
 from ..kernels.equations import STRAIGHT_COLUMNS, columns_cost, derive, why_missing
 from ..kernels.groups import DEVICE
-from ..kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS, SIGNATURES, available, shapes
+from ..kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS, available, shapes, signatures
 from ..kernels.writers import VARIANTS, WRITERS
 from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
 from ..program.passes import hoist_parameters
@@ -191,20 +191,20 @@ def without_gate(program: Program) -> Program:
 
 def _with_violations(name: str, program: Program, model: Model) -> Program:
     """Keep accelerations of a closed mechanism, and compare what its loops violate, as ``check_constraints`` does."""
-    n, m, graph = model.size, len(model.constraints), Graph()
+    rates, m, graph = model.size, len(model.constraints), Graph()
     nodes = copied(graph, program)
     outputs: dict[tuple[str, int], Value] = {
-        key: nodes[index] for key, index in program.outputs.items() if key[0] == "pivot" or key < ("out", n)
+        key: nodes[index] for key, index in program.outputs.items() if key[0] == "pivot" or key < ("out", rates)
     }
     fastest: Value = 1.0
 
     def size_of(x: Value) -> Value:
         return graph.call("max", x, -x)
 
-    for i in range(n):
+    for i in range(len(model.coordinates)):
         fastest = graph.call("max", fastest, size_of(graph.input("v", i)))
     for r in range(2 * m):
-        outputs["violation", 2 * r] = size_of(nodes[program.outputs["out", n + m + r]])
+        outputs["violation", 2 * r] = size_of(nodes[program.outputs["out", rates + m + r]])
         outputs["violation", 2 * r + 1] = 1.0 if r < m else fastest
     return verify(finish(graph, name, outputs))
 
@@ -217,11 +217,12 @@ def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) ->
         found = {"q": known["q"]}, {"out": known[array]}
         return ThreadKernel(name, text, program, *found, has_columns=array in COLUMNS)
     if name in ROLLOUTS:
-        reads, writes = (dict.fromkeys(names, known["q"]) for names in (("q", "v", "u"), ("q_out", "v_out")))
+        reads = {x: known[x] for x in signatures(model)[ROLLOUTS[name][0]].reads if x not in ("added", "dt")}
+        writes = {f"{x}_out": known[x] for x in ("q", "v", "z") if x in reads}
         if name in CONTROLLED:
             reads |= dict.fromkeys(("kp", "kd", "target"), (len(model.driven),))
         return ThreadKernel(name, ROLLOUTS[name][1], program, reads, writes, ("step", "steps"))
-    signature = SIGNATURES[name]
+    signature = signatures(model)[name]
     reads = {array: known[array] for array in signature.reads}
     writes, has_columns = {"out": known[signature.writes]}, signature.writes in COLUMNS
     return ThreadKernel(name, signature.text, program, reads, writes, has_columns=has_columns)

@@ -26,9 +26,9 @@ from .registers import PLACES, scheduled
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
-STATE = ("q", "v", "out")  # arrays whose numbers a thread keeps from step to step
+STATE = ("q", "v", "z", "out")  # arrays whose numbers a thread keeps from step to step
 FORCES = ("u", "added")  # and those that a controller makes in every step
-BESIDE = {  # numbers per coordinate that it keeps beside a step's values
+BESIDE = {  # numbers per coordinate that it keeps beside a step's values, and half as many per internal state
     "rk4_rollout": 6,
     "implicit_rollout": 2,
     "rk4_pd_rollout": 7,
@@ -161,9 +161,10 @@ def _parts(kernel: ThreadKernel, model: Model, dtype: str) -> tuple[Part, ...]:
     """Choose orders of a kernel's statements; in steps a state and what is added up of it stay beside the values."""
     places = PLACES[dtype]
     if kernel.name in ROLLOUTS:
-        places = replace(places, room=max(places.room - BESIDE[kernel.name] * model.size, LEAST))
+        kept = BESIDE[kernel.name] * len(model.coordinates) + BESIDE[kernel.name] // 2 * len(model.internal_states)
+        places = replace(places, room=max(places.room - kept, LEAST))
     if kernel.has_columns:
-        return split_columns(kernel.program, model.size, places)
+        return split_columns(kernel.program, kernel.writes["out"][-1], places)
     return ((kernel.program, scheduled(kernel.program, places)),)
 
 
@@ -182,7 +183,8 @@ def _kernel(model: Model, kernel: ThreadKernel, parts: Sequence[Part], scalar: S
         "reads": {array: math.prod(shape) for array, shape in kernel.reads.items()},
         "writes": {array: math.prod(shape) for array, shape in kernel.writes.items()},
         "scalars": [(SCALAR_TYPES[name], name) for name in kernel.scalars],
-        "n": model.size,
+        "n": len(model.coordinates),
+        "states": len(model.internal_states),
         "method": kernel.name.partition("_")[0] if kernel.name in ROLLOUTS else "",
         "controlled": list(enumerate(model.driven)) if is_controlled else [],
     }

@@ -20,7 +20,7 @@ def christoffel_by_columns(name: str, model: Model, columns: Program) -> Program
 
     What vanishes only by an identity is 0, as in C, and not its round-off.
     """
-    graph, n = Graph(), model.size
+    graph, n = Graph(), len(model.coordinates)
     survives = zero_map(model).christoffel.mask.reshape(n * n, n)
     outputs: dict[tuple[str, int], Value] = {}
     for k in range(n):

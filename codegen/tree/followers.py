@@ -260,14 +260,14 @@ def _elimination_parents(model: Model) -> list[int]:
     """The elimination tree of M: rows of L have entries at ancestors alone (J. W. H. Liu, "The Role of Elimination
     Trees in Sparse Factorization", SIAM J. Matrix Analysis and Applications 11, 1990).
     """
-    whole, active = with_offset_angles(model)
+    whole, _ = with_offset_angles(model)
     parents, places = _tree_parents(whole), {name: i for i, name in enumerate(model.velocities)}
     moved_by: list[set[int]] = [set() for _ in parents]  # by which coordinates, of all in front and of each one itself
     names = enumerate(whole.velocities)
     leaders = {i: {places[x] for x in model.leaders.get(name, (name,)) if x in places} for i, name in names}
     for i, parent in enumerate(parents):
         moved_by[i] = leaders[i] | (moved_by[parent] if parent >= 0 else set())
-    front: list[set[int]] = [set() for _ in active]
+    front: list[set[int]] = [set() for _ in range(model.size)]
     for i in range(len(parents)):
         for k in moved_by[i]:
             front[k] |= {j for j in moved_by[i] if j < k}

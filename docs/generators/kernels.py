@@ -34,9 +34,9 @@ def _arguments(signature: Signature) -> str:
 
 
 def _array(label: str) -> str:
-    """Return the shape and the unit of an array, n for the number of coordinates."""
+    """Return the shape and the unit of an array in Python, n for the number of coordinates."""
     array = ARRAYS[label]
-    axes = ", ".join("n" if axis == "coordinates" else str(axis) for axis in array.axes)
+    axes = ", ".join("n" if axis in ("coordinates", "rates") else str(axis) for axis in array.axes)
     shape = f"({axes},)" if len(array.axes) == 1 else f"({axes})"
     return f"{shape}, {array.unit}" if array.unit else shape
 

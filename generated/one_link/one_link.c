@@ -411,12 +411,12 @@ static int one_link_stage_factors(const double *restrict h, const double *restri
     (void)v;
 
     out[0] = sine[0];
-    const double t5 = h[3]*times[1];
-    out[1] = t5;
+    const double t7 = h[3]*times[1];
+    out[1] = t7;
     out[2] = h[3]*times[0];
-    const double t11 = times[0]*kd[1] + times[1]*kp[1];
+    const double t11 = kd[1]*times[0] + kp[1]*times[1];
     out[3] = t11;
-    out[4] = times[0]*kp[1];
+    out[4] = kp[1]*times[0];
     /* joint1: eliminated, from the tips to the base */
     const double t14 = t11 + 0.3333333333333333;
     pivot[2] = t14;
@@ -424,9 +424,9 @@ static int one_link_stage_factors(const double *restrict h, const double *restri
     const double t16 = 1.0/t14;
     out[5] = t16;
     out[6] = 0.5*t16;
-    const double t26 = t5 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
+    const double t26 = t7 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
     pivot[0] = t26;
-    pivot[1] = t5 + 1.0;
+    pivot[1] = t7 + 1.0;
     out[7] = 1.0/t26;
 
     return singular(2, pivot);
@@ -957,12 +957,12 @@ static int one_link_stage_factors_lanes(const lanes *restrict h, const lanes *re
     (void)v;
 
     out[0] = sine[0];
-    const lanes t5 = h[3]*times[1];
-    out[1] = t5;
+    const lanes t7 = h[3]*times[1];
+    out[1] = t7;
     out[2] = h[3]*times[0];
-    const lanes t11 = times[0]*kd[1] + times[1]*kp[1];
+    const lanes t11 = kd[1]*times[0] + kp[1]*times[1];
     out[3] = t11;
-    out[4] = times[0]*kp[1];
+    out[4] = kp[1]*times[0];
     /* joint1: eliminated, from the tips to the base */
     const lanes t14 = t11 + 0.3333333333333333;
     pivot[2] = t14;
@@ -970,9 +970,9 @@ static int one_link_stage_factors_lanes(const lanes *restrict h, const lanes *re
     const lanes t16 = 1.0/t14;
     out[5] = t16;
     out[6] = 0.5*t16;
-    const lanes t26 = t5 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
+    const lanes t26 = t7 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
     pivot[0] = t26;
-    pivot[1] = t5 + 1.0;
+    pivot[1] = t7 + 1.0;
     out[7] = 1.0/t26;
 
     return singular_lanes(2, 2, pivot);

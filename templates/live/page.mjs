@@ -43,8 +43,7 @@ class Page {
     this.goal = simulation.t;
     this.sees = true;
     if (data.recorded) {
-      const { t, q, v, program } = data.recorded;
-      this.recorded = { t: doublesOf(t), q: doublesOf(q), v: doublesOf(v), program: doublesOf(program) };
+      this.recorded = Object.fromEntries(Object.entries(data.recorded).map(([name, numbers]) => [name, doublesOf(numbers)]));
       this.at = 0;
     }
     this.scene = new Scene(by("view"), data);
@@ -394,10 +393,9 @@ class Page {
     this.replays = !on;
     this.rows = [];
     if (on) {
-      const { t, q, v } = simulation;
-      simulation.reset({ t, q, v });
+      simulation.reset(simulation);
       if (simulation.drive === "target") simulation.hold();
-      this.goal = t;
+      this.goal = simulation.t;
       this.play(true);
     }
     by("alive").textContent = on ? "Back to the recording" : "Go on from here";
@@ -416,15 +414,13 @@ class Page {
 
   /** The recording's state at a time is that of the simulation. */
   showRecorded() {
-    const { t, q, v, program } = this.recorded, { simulation, data } = this, { n } = simulation;
+    const { t, q, v, z, program } = this.recorded, { simulation } = this;
     const [k, share] = between(t, this.at), next = Math.min(k + 1, t.length - 1);
-    for (let i = 0; i < n; i++) {
-      simulation.q[i] = q[n * k + i] + share * (q[n * next + i] - q[n * k + i]);
-      simulation.v[i] = v[n * k + i] + share * (v[n * next + i] - v[n * k + i]);
+    for (const [to, rows] of [[simulation.q, q], [simulation.v, v], [simulation.z, z], [simulation.reference[0], program]]) {
+      const n = to.length;
+      for (let i = 0; i < n; i++) to[i] = rows[n * k + i] + share * (rows[n * next + i] - rows[n * k + i]);
     }
     simulation.t = this.at;
-    const m = data.drives.length;
-    simulation.reference[0] = data.drives.map((_, i) => program[m * k + i] + share * (program[m * next + i] - program[m * k + i]));
   }
 
   frame(now) {
@@ -502,12 +498,12 @@ class Page {
   }
 
   row() {
-    const { simulation, data } = this, { q, v, t } = simulation;
+    const { simulation, data } = this, { q, z, t } = simulation;
     const stiff = simulation.stiff(false), programmed = data.closed ? stiff : simulation.stiff(true);
     const [real, rigid, program] = [q, stiff, programmed].map((x) => this.placeOf(x, data.tool));
     const off = (a) => Math.hypot(...real.map((x, i) => x - a[i]));
     const energy = simulation.energies();
-    return { t, q: Float64Array.from(q), states: v.slice(data.coordinates.length), stiff, reference: simulation.reference[0].slice(), real, program, tool: [off(program), off(rigid)], energy };
+    return { t, q: Float64Array.from(q), states: z.slice(), stiff, reference: simulation.reference[0].slice(), real, program, tool: [off(program), off(rigid)], energy };
   }
 
   poseOf(q, link) {

@@ -5,7 +5,7 @@ import { cycleAt, signalAt, wavesAt } from "#live/signals";
 
 const FILTER = 8; // rad/s with which the reference follows a target that was set
 
-/** Columns of (n,) arrays, and a copy of all. */
+/** Copy as many numbers as the first array has. */
 const fill = (to, from) => { for (let i = 0; i < to.length; i++) to[i] = from[i]; };
 
 export class Simulation {
@@ -17,7 +17,8 @@ export class Simulation {
     this.kernel = kernel;
     this.rigid = rigid;
     this.data = data;
-    this.n = data.coordinates.length + data.states.length; // of q and v: internal states stand behind the coordinates of v
+    this.n = data.coordinates.length;
+    this.forces = data.beside.filter((place) => place >= this.n).length; // beside drives with states, behind u
     this.index = new Map(data.coordinates.map((name, i) => [name, i]));
     this.period = data.period;
     this.method = data.method;
@@ -36,11 +37,12 @@ export class Simulation {
     this.reset();
   }
 
-  /** Begin anew: at the start, or in a state. */
+  /** Begin anew: at the start, or in a state, which may be the simulation's own. */
   reset(state = this.data.start) {
     this.t = state.t ?? 0;
     this.q = Float64Array.from(state.q);
     this.v = Float64Array.from(state.v);
+    this.z = Float64Array.from(state.z); // internal states
     this.work = 0;
     this.cycleFrom = this.t;
     this.approach = null;
@@ -140,7 +142,7 @@ export class Simulation {
 
   /** Forces of drives and loads in the state of now, for a time; with the kernel's gains and target. */
   drives(t) {
-    const { n, data } = this, u = new Float64Array(n);
+    const { n, data } = this, u = new Float64Array(n + this.forces);
     let kp, kd, target;
     const [qd, vd, ad] = this.program(t);
     if (this.drive === "program" && data.torque) {
@@ -169,7 +171,7 @@ export class Simulation {
       this.waves.place.forEach((to, i) => { u[to] = accelerations[i]; });
     }
     this.loads(u, t);
-    return { u, kp, kd, target };
+    return { u: u.subarray(0, n), forces: u.subarray(n), kp, kd, target };
   }
 
   /** Add what the model of the rigid robot says: computed torque, or what gravity (and the programmed motion) takes. */
@@ -215,7 +217,7 @@ export class Simulation {
       }
     }
     const forces = this.kernel.externalForce(this.q, wrench);
-    for (let i = 0; i < u.length; i++) u[this.data.beside[i]] += forces[i];
+    for (let i = 0; i < forces.length; i++) u[this.data.beside[i]] += forces[i];
   }
 
   /** Add a force at an arm (base frame) and a moment to a link's row of wrenches. */
@@ -236,13 +238,11 @@ export class Simulation {
     const h = this.period;
     if (this.events.filter(({ t }) => t <= this.t + 1e-12).length !== this.carried) this.apply();
     if (this.drive === "target" || this.drive === "none") this.lead(h);
-    const { u, kp, kd, target } = this.drives(this.t + 0.5 * h);
+    const { u, forces, kp, kd, target } = this.drives(this.t + 0.5 * h), { z } = this;
     const controlled = target ? { kp, kd, target } : {}; // joints that turn freely do so without gains alone
-    const how = { duration: h, samples: 1, rtol: this.rtol, method: this.method, ...controlled };
+    const how = { duration: h, samples: 1, rtol: this.rtol, method: this.method, z, forces, ...controlled };
     const found = this.kernel.adaptiveRollout(this.q, this.v, u, how);
-    const { n } = this;
-    fill(this.q, found.q.subarray(n, 2 * n));
-    fill(this.v, found.v.subarray(n, 2 * n));
+    for (const name of ["q", "v", "z"]) fill(this[name], found[name].subarray(this[name].length));
     this.t += h;
     if (this.drive !== "target" && this.drive !== "none") this.lead(0);
     if (this.waves) this.carry();
@@ -274,7 +274,7 @@ export class Simulation {
 
   /** Kinetic and potential energy, J. */
   energies() {
-    const [kinetic, potential] = this.kernel.energy(this.q, this.v);
+    const [kinetic, potential] = this.kernel.energy(this.q, this.v, ...(this.z.length ? [this.z] : []));
     return { kinetic, potential };
   }
 

@@ -8,6 +8,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,13 +25,16 @@ from eomgen.control.discrete_steps import DiscreteStep
 from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 from eomgen.runtime.levels import BASE
 from tests.support.adapter_samples import BENDING, built_for, functions_of, sample, states
+from tests.support.bristles import bent, bristle_arm, servo_arm
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.optional import needs
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
+from tests.support.soak import soaked
 
 casadi = needs("casadi")
 FLAGS = ("-O0", "-Werror")
@@ -344,26 +348,25 @@ def gradient_of(made: casadi.Function, weights: Array, *arrays: Array) -> Array:
 
 def by_rollout(kernel: eomgen.Kernel, made: dict[str, Any], x: Array, u: Array) -> tuple[Array, Array]:
     """The state behind a step of fixed length and its derivatives, as a rollout has them."""
-    n, c, drives = kernel.n, len(kernel.coordinates), list(made["drives"])
-    q, v, forces = np.zeros(n), x[c:], np.zeros(n)
-    q[:c] = x[:c]
-    places = [kernel.calls.coordinates.index(name) for name in drives]
+    n, m, drives = kernel.n, len(kernel.internal_states), list(made["drives"])
+    places = [kernel.coordinates.index(name) for name in drives]
+    unit, forces = np.eye(2 * n + m + len(drives)), np.zeros(n)
     forces[places] = u
-    unit = np.eye(c + n + len(drives))
-    along = {"q": np.zeros((len(unit), n)), "v": unit[:, c : c + n], "u": np.zeros((len(unit), n))}
-    along["q"][:, :c] = unit[:, :c]
-    along["u"][:, places] = unit[:, c + n :]
-    (qs, vs), (dq, dv) = kernel.rollout_sensitivity(
-        q,
-        v,
+    along = {"q": unit[:, :n], "v": unit[:, n : 2 * n], "u": np.zeros((len(unit), n))}
+    along["u"][:, places] = unit[:, 2 * n + m :]
+    states = {"z": x[2 * n :]} if m else {}
+    ends, rates = kernel.rollout_sensitivity(
+        x[:n],
+        x[n : 2 * n],
         forces,
         made["dt"] / made["substeps"],
         made["substeps"],
-        along=along,
+        along=along | ({"z": unit[:, 2 * n : 2 * n + m]} if m else {}),
         parameters=made["parameters"],
         method=made["method"],
+        **states,
     )
-    return np.concatenate([qs[-1, :c], vs[-1]]), np.hstack([dq[-1, :, :c], dv[-1]]).T
+    return np.concatenate([x[-1] for x in ends]), np.hstack([x[-1] for x in rates]).T
 
 
 def error_of_step(kernel: eomgen.Kernel, made: dict[str, Any], x: Array, u: Array) -> tuple[float, float, float]:
@@ -399,6 +402,21 @@ def test_a_step_is_that_of_a_rollout(method: str, built: Build) -> None:
         assert by < 1e-14
 
 
+@pytest.mark.parametrize("make", soaked((bristle_arm, servo_arm), (servo_arm,)))
+@pytest.mark.parametrize("method", soaked(("rk4", "implicit"), ("rk4",)))
+def test_steps_with_internal_states(make: Callable[[], Robot], method: str, built: Build) -> None:
+    """States stand behind q and v; with parameters, too."""
+    kernel = built(make(), *kernels_for_step(method))
+    q, v, u, z = bent(kernel)
+    x, u = np.concatenate([q, v, z]), u[:1]
+    for parameters in ((), ("joints.j2.x.stiffness",)):
+        made = {"method": method, "dt": 1e-4, "substeps": 2, "drives": ("j1.gamma",), "parameters": parameters}
+        state, by, gradient = error_of_step(kernel, made, x, u)
+        assert state < 1e-12
+        assert by < 1e-11
+        assert gradient < 1e-11
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(4300, 5, 40))
 def test_random_robots(seed: int, built: Build, figures: Figures) -> None:
@@ -406,10 +424,10 @@ def test_random_robots(seed: int, built: Build, figures: Figures) -> None:
     robot = replace(sample(seed), loops=())  # random ones do not close
     names = (*kernels_for_step("rk4"), *kernels_for_step("implicit"))
     kernel = built(robot, *names)
-    given, c = states(robot, kernel, seed), len(kernel.coordinates)
+    given = states(robot, kernel, seed)
     drives = [x for x in kernel.coordinates if x not in kernel.calls.prescribed]
     u = given["u"][[kernel.coordinates.index(name) for name in drives]]
-    x = np.concatenate([given["q"][:c], given["v"]])
+    x = np.concatenate([given["q"], given["v"], given["z"]])
     for method in ("rk4", "implicit"):
         made: dict[str, Any] = {"method": method, "dt": 2e-4, "substeps": 2, "drives": drives}
         made["parameters"] = tuple(kernel.parameters)[-2:] if seed % 2 else ()

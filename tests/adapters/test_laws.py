@@ -1,4 +1,4 @@
-"""Adapters of robots whose forces are matrices, or that have internal states: arrays are augmented ones."""
+"""Adapters of robots whose forces are matrices, or that have internal states."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.description.load import robot_from_toml
 from eomgen.runtime.kernel import Array, Kernel
 from tests.support.adapter_samples import differences, second_differences
-from tests.support.bristles import bent, bristle_arm, bristle_linkage, wide
+from tests.support.bristles import bent, bristle_arm, bristle_linkage
 from tests.support.builds import Build
 from tests.support.every_element import robot_with
 from tests.support.optional import needs
@@ -26,21 +26,28 @@ from tests.support.optional import needs
 pytestmark = pytest.mark.usefixtures("doubles")
 casadi, jax, jnp = needs("casadi"), needs("jax"), needs("jax.numpy")
 
-NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix")
+NAMES = ("forward_dynamics", "generalized_force", "energy", "mass_matrix", "residual", "inverse_dynamics")
 FAMILIES = (InternalStateLaws, JointStiffnesses, JointDampers, Bushings)
 
 
 def states(kernel: Kernel, seed: int) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
-    return {name: rng.uniform(-0.3, 0.3, kernel.n) for name in "qvu"}
+    return {name: rng.uniform(-0.3, 0.3, kernel.raw.shapes[name]) for name in "qvzau" if name in kernel.raw.shapes}
+
+
+def rates_of(kernel: Kernel, arrays: list[Array]) -> Array:
+    """Accelerations, then derivatives of internal states."""
+    q, v, *z, u = arrays
+    a = kernel.forward_dynamics(q, v, u, *z)
+    return np.r_[a, kernel.internal_state_derivatives(q, v, *z, u)] if z else a
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("family", FAMILIES)
 def test_functions_have_the_kernels_numbers_and_exact_derivatives(family: type[ForceElement], built: Build) -> None:
-    """In Python, in CasADi and in JAX; the friction of bristles by z among the velocities."""
+    """In Python, in CasADi and in JAX; the friction of bristles by z, too."""
     robot = robot_from_toml(robot_with(family))
-    kernel = built(robot, *kernels_for(*NAMES)).augmented
+    kernel = built(robot, *kernels_for(*NAMES))
     assert bool(kernel.internal_states) == (family is InternalStateLaws)
     given = states(kernel, 3)
     for name in NAMES:
@@ -72,9 +79,9 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
     robot = robot_from_toml(robot_with(family))
     kernel = built(robot, "forward_dynamics")
     native, x = for_jax.native(robot, ("forward_dynamics",)), states(kernel, 4)
-    q, v, u = x["q"], x["v"], x["u"]
-    found = jax.jit(native.forward_dynamics)(q, v, u)
-    np.testing.assert_allclose(found, kernel.forward_dynamics(q, v, u), rtol=1e-11, atol=1e-11)
+    arrays = [array for label, array in x.items() if label != "a"]
+    found = jax.jit(native.forward_dynamics)(*arrays)
+    np.testing.assert_allclose(found, rates_of(kernel, arrays), rtol=1e-11, atol=1e-11)
     key = {
         JointStiffnesses: "joints.neck.stiffness.x.beta",
         JointDampers: "joints.wrist.damping.z.alpha",
@@ -82,9 +89,9 @@ def test_what_jax_compiles_itself_has_the_kernels_numbers(family: type[ForceElem
         InternalStateLaws: "joints.knuckle.beta.friction.bristle_stiffness",
     }[family]
     size, ends = float(kernel.parameters[key]), []
-    slope = jax.jacfwd(lambda x: native.forward_dynamics(q, v, u, p={key: x}))(size)
+    slope = jax.jacfwd(lambda x: native.forward_dynamics(*arrays, p={key: x}))(size)
     for sign in (1.0, -1.0):
-        ends.append(kernel.replaced(parameters={key: size * (1.0 + sign * 1e-5)}).forward_dynamics(q, v, u))
+        ends.append(rates_of(kernel.replaced(parameters={key: size * (1.0 + sign * 1e-5)}), arrays))
     expected = (ends[0] - ends[1]) / (2e-5 * size)
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(slope, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
@@ -98,22 +105,25 @@ def test_rollouts_with_states_have_gradients(method: str, built: Build) -> None:
     kernel = built(bristle_arm(), "rollout", "adaptive_rollout", gradient)
     options: dict[str, Any] = {"dt": 1e-4, "steps": 40} if method == "rk4" else {"duration": 4e-3, "rtol": 1e-10}
     q, v, u, z = bent(kernel)
-    Q, V, U = wide(kernel, q, v, u, z)
     made = for_jax.rollout(kernel, method=method, **options)
     motion = kernel.rollout(q, v, u, z=z, method=method, **options)
-    ends = [x[-1] for x in made(Q, V, U)]
-    np.testing.assert_array_equal(np.r_[ends[0][: q.size], ends[1]], np.r_[motion[0][-1], motion[1][-1], motion.z[-1]])
-    weights = np.random.default_rng(5).uniform(-1.0, 1.0, kernel.augmented.n)
+    for found, wanted in zip(made(q, v, z, u), (*motion, motion.z), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    weights = np.random.default_rng(5).uniform(-1.0, 1.0, v.size + z.size)
 
-    def end(V: Any) -> Any:
-        return jnp.sum(weights * made(Q, V, U)[1][-1])
+    def end(x: Any) -> Any:
+        _, *rates = made(q, x[: v.size], x[v.size :], u)
+        return jnp.sum(weights * jnp.concatenate([x[-1] for x in rates]))
 
-    slope = np.asarray(jax.grad(end)(V))
+    x = np.r_[v, z]
+    slope = np.asarray(jax.grad(end)(x))
     steps = np.r_[np.full(q.size, 1e-6), np.full(z.size, 1e-9)]
     for unit in np.diag(steps):
-        difference = float(end(V + unit) - end(V - unit)) / (2.0 * unit.sum())
+        difference = float(end(x + unit) - end(x - unit)) / (2.0 * unit.sum())
         assert slope @ unit / unit.sum() == pytest.approx(difference, rel=1e-4, abs=1e-5)
     assert np.abs(slope[q.size :]).min() > 1e-3
+    both = jax.vmap(made, in_axes=(None, None, 0, None))(q, v, np.stack([z, -z]), u)
+    np.testing.assert_array_equal(both[2][0], motion.z)
 
 
 def test_mechanisms_with_states(built: Build) -> None:
@@ -122,21 +132,20 @@ def test_mechanisms_with_states(built: Build) -> None:
     kernel = built(bristle_linkage(), *kernels_for(*names, closed=True, order=1), "forward_dynamics")
     q, _, u, z = bent(kernel)
     q = kernel.home[: q.size]
-    Q, V, U = wide(kernel, q, 0.0 * q, u, z)
+    arrays = [q, 0.0 * q, z, u]
     there, made = (
         DifferentiableFunction(kernel, "forward_dynamics"),
         for_casadi.function(kernel, "forward_dynamics", order=1, flags=("-O0", "-Werror")),
     )
-    value = there.value(Q, V, U)
-    np.testing.assert_allclose(
-        value[q.size :], kernel.internal_state_derivatives(q, 0.0 * q, z, u), rtol=1e-12, atol=1e-15
-    )
-    np.testing.assert_allclose(np.array(made(Q, V, U))[:, 0], value, rtol=1e-12, atol=1e-12)
-    blocks = there.derivatives(Q, V, U)
-    found = made.jacobian()(Q, V, U, 0)
+    assert there.reads == ("q", "v", "z", "u")
+    value = there.value(*arrays)
+    np.testing.assert_allclose(value[q.size :], kernel.internal_state_derivatives(*arrays), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(np.array(made(*arrays))[:, 0], value, rtol=1e-12, atol=1e-12)
+    blocks = there.derivatives(*arrays)
+    found = made.jacobian()(*arrays, 0)
     for block, wanted in zip(found, blocks, strict=True):
         np.testing.assert_allclose(np.array(block), wanted, rtol=1e-9, atol=1e-9)
-    assert np.abs(blocks[1][:, q.size :]).max() > 1.0  # by z
+    assert np.abs(blocks[2]).max() > 1.0  # by z
     constraint = for_casadi.function(kernel, "constraint", order=1, flags=("-O0", "-Werror"))
-    assert np.abs(np.array(constraint(Q))).max() < 1e-9
-    assert casadi.DM(constraint.jacobian()(Q, 0)).shape == (constraint.size_out(0)[0], kernel.augmented.n)
+    assert np.abs(np.array(constraint(q))).max() < 1e-9
+    assert casadi.DM(constraint.jacobian()(q, 0)).shape == (constraint.size_out(0)[0], kernel.n)

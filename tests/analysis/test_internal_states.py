@@ -317,11 +317,13 @@ def test_what_cannot_be_is_refused(built: Build) -> None:
 def test_fixation_keeps_states(built: Build) -> None:
     robot = bristled_arm()
     kernel = built(robot)
-    fixation = fixation_of(robot, kernel.augmented, z=BENT)
-    state = rest(kernel.augmented, np.r_[0.3, 0.0, 0.0, 0.4, 0.0, 0.0], fixation)
-    assert not state.q[4:].any()
-    assert not state.u[4:].any()
-    assert not state.tangent.K[:, 4:].any()
+    fixation = fixation_of(robot, kernel, z=BENT)
+    state = rest(kernel, np.array([0.3, 0.0, 0.0, 0.4]), fixation)
+    assert state.q.shape == state.u.shape == (4,)
+    by_q, by_v, _ = state.tangent.whole
+    assert by_q.shape == (6, 4 + 2)
+    assert not by_q[:, 4:].any()
+    assert by_v[:4, 4:].any()
 
 
 def test_branches_and_servo_drives(built: Build) -> None:

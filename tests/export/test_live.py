@@ -28,7 +28,10 @@ from eomgen.motion.splines import Spline
 from eomgen.progress import no_progress
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, INERTIA_KEYS, Robot
+from eomgen.runtime.stepping.adaptive import adaptive_rollout
+from eomgen.runtime.stepping.options import Control, InputStepOptions
 from eomgen.runtime.stepping.packed_inputs import plain_signal
+from eomgen.runtime.stepping.rollouts import Inputs
 from eomgen.scenario.value import Initial, Scenario, Section
 from eomgen.simulation.loads import combined_body
 from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, servo_axes
@@ -54,7 +57,7 @@ import { readFileSync } from "node:fs";
 
 const given = JSON.parse(readFileSync(0, "utf8"));
 const kernel = { parameters: given.values, set() {}, energy: () => [0, 0] };
-const start = { q: [0], v: [0] }, coordinates = ["a"];
+const start = { q: [0], v: [0], z: [] }, coordinates = ["a"];
 const data = { coordinates, beside: [0], states: [], drives: [], start, payload: given.payload, period: 1e-3 };
 const simulation = new Simulation(kernel, null, data);
 simulation.payload = given.mass;
@@ -154,10 +157,11 @@ simulation.drive = "none";
 simulation.reset();
 for (const [name, value] of Object.entries(changed)) simulation.set(name, value);
 for (let i = 0; i < ticks; i++) simulation.tick();
-const n = data.coordinates.length, states = simulation.v.slice(n);
+simulation.reset(simulation); // as a page goes on from a recording
 const shown = [...plotsOf(data)].filter(([key]) => key.startsWith("states.")).map(([, plot]) => plot);
-const plots = shown.map((plot) => [plot.names, plot.value({ states })]);
-console.log(JSON.stringify({ q: [...simulation.q], v: [...simulation.v], t: simulation.t, plots }));
+const plots = shown.map((plot) => [plot.names, plot.value({ states: simulation.z })]);
+const { q, v, z, t } = simulation;
+console.log(JSON.stringify({ q: [...q], v: [...v], z: [...z], t, plots }));
 """
 
 
@@ -182,14 +186,24 @@ def moved_on_page(contents: Any, folder: Path, ticks: int, first: str = "", **gi
     return answer_of(folder, script, {"data": {**contents.values, **given}, "ticks": ticks, "changed": changed})
 
 
-def rolled(kernel: eomgen.Kernel, values: dict[str, Any], ticks: int, u: Any = None) -> tuple[Any, Any]:
-    """Return q and v after rollouts over so many periods of the page; u: drives, or (k, q) -> drives of period k."""
-    q, v = np.array(values["start"]["q"]), np.array(values["start"]["v"])
-    options = {key: values[key] for key in ("rtol", "method")}
+def rolled(kernel: eomgen.Kernel, values: dict[str, Any], ticks: int, u: Any = None) -> tuple[Any, Any, Any]:
+    """Return q, v and z after rollouts over so many periods of the page.
+
+    Args:
+        kernel: That moves.
+        values: Of the page.
+        ticks: Number of periods.
+        u: Drives with forces beside those with states behind them, or (k, q) -> those of period k.
+    """
+    start, how = (
+        values["start"],
+        InputStepOptions(duration=values["period"], **{x: values[x] for x in ("rtol", "method")}),
+    )
+    q, v = np.array(start["q"]), np.array([*start["v"], *start["z"]])
     for k in range(ticks):
-        drives = u(k, q) if callable(u) else u
-        q, v = (x[-1] for x in kernel.rollout(q, v, drives, **options, duration=values["period"]))
-    return q, v
+        inputs = Inputs(q, v, u(k, q) if callable(u) else u, Control())
+        q, v = (x[-1] for x in adaptive_rollout(kernel.calls, inputs, how))
+    return q, v[: kernel.n], v[kernel.n :]
 
 
 def with_matrix() -> Robot:
@@ -212,9 +226,9 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     """Under node, without a browser: internal states, loops, matrices; drives off, parameters as they were changed."""
     contents = contents_of(make(), None, None, no_progress)
     values, start = contents.values, contents.values["start"]
-    kernel = eomgen.build(contents.robot, kernels=KERNELS).augmented
-    n, ticks = len(kernel.coordinates), 40
+    kernel, ticks = eomgen.build(contents.robot, kernels=KERNELS), 40
     assert len(start["q"]) == len(start["v"]) == kernel.n
+    assert len(start["z"]) == len(kernel.internal_states)
     for drive in values["drives"]:  # critical damping, in two digits
         assert drive["kp"] > 0.0
         assert drive["kd"] == pytest.approx(2.0 * drive["kp"] / STIFF, rel=0.1)
@@ -224,15 +238,15 @@ def test_what_moves_on_a_page_moves_as_rollouts_of_python(
     )
     found = moved_on_page(contents, tmp_path, ticks, changed=changed, drive="none")
     kernel.parameters.update(changed)
-    q, v = rolled(kernel, values, ticks)
-    np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=NEAR)
-    np.testing.assert_allclose(found["v"], v, rtol=1e-10, atol=NEAR)
-    assert np.abs(q[:n] - start["q"][:n]).max() > 1e-3
+    q, v, z = rolled(kernel, values, ticks)
+    np.testing.assert_allclose(found["q"], q, rtol=0.0, atol=NEAR)
+    np.testing.assert_allclose([*found["v"], *found["z"]], [*v, *z], rtol=1e-10, atol=NEAR)
+    assert np.abs(q - start["q"]).max() > 1e-3
     if kernel.internal_states:
         ((names, shown),) = found["plots"]
         assert names == list(kernel.internal_states)
-        np.testing.assert_allclose(shown, 1e3 * v[n:], rtol=1e-9)
-        assert np.abs(v[n:]).min() > 1e-5
+        np.testing.assert_allclose(shown, 1e3 * z, rtol=1e-9)
+        assert np.abs(z).min() > 1e-5
     else:
         assert found["plots"] == []
 
@@ -244,7 +258,7 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     robot, ticks = servo_axes(), 60
     motion = Section("point_to_point", {"duration": 0.2, "goal": {"j1": 0.6, "j2": -0.3}})
     contents = contents_of(robot, eomgen.Scenario(0.2, motion=motion), None, no_progress)
-    values, kernel = contents.values, eomgen.build(contents.robot, kernels=(*KERNELS, "forward_dynamics")).augmented
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=(*KERNELS, "forward_dynamics"))
     assert (values["control"], values["drive"], [x["rate"] for x in values["drives"]]) == (
         "reference",
         "program",
@@ -257,38 +271,35 @@ def test_servo_drives_take_references_from_a_page(tmp_path: Path) -> None:
     wrench[kernel.links.index("l2"), :3] = push["force"]
 
     def drives(k: int, q: Any) -> Any:
-        u = np.zeros(kernel.n)
+        u = np.zeros(kernel.calls.inputs)
         for drive, at in zip(values["drives"], program((k + 0.5) * values["period"]), strict=True):
             u[drive["place"]] = at * drive["ratio"]
         np.add.at(u, values["beside"], kernel.functions.external_force(q, wrench))
         return u
 
-    q, v = rolled(kernel, values, ticks, drives)
-    np.testing.assert_allclose(
-        found["q"][: len(kernel.coordinates)], q[: len(kernel.coordinates)], rtol=0.0, atol=1e-10
-    )
-    np.testing.assert_allclose(found["v"], v, rtol=1e-7, atol=1e-9)
-    assert np.abs(q[:4] - values["start"]["q"][:4]).max() > 1e-2
+    q, v, z = rolled(kernel, values, ticks, drives)
+    np.testing.assert_allclose(found["q"], q, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose([*found["v"], *found["z"]], [*v, *z], rtol=1e-7, atol=1e-9)
+    assert np.abs(q - values["start"]["q"]).max() > 1e-2
 
 
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
 def test_drives_that_take_a_voltage_have_sliders(tmp_path: Path) -> None:
     """Of a position and a voltage in one robot: each input acts as in Python, from where it stands at the start."""
     contents, ticks = contents_of(servo_arm(), None, None, no_progress), 30
-    values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS).augmented
+    values, kernel = contents.values, eomgen.build(contents.robot, kernels=KERNELS)
     assert (values["control"], values["drive"], values["drives"]) == ("none", "none", [])
     first, second = values["inputs"]
     assert first == {"label": "j1.gamma: reference of position", "place": 0, "unit": "rad", **_ends(first, 1.5)}
     assert second == {"label": "j2.motor: voltage", "place": 3, "unit": "V", "start": 0.0, "low": -24.0, "high": 24.0}
     assert first["start"] == values["start"]["q"][0]
-    inputs, u = [first["start"] + 0.2, 3.0], np.zeros(kernel.n)
+    inputs, u = [first["start"] + 0.2, 3.0], np.zeros(kernel.calls.inputs)
     found = moved_on_page(contents, tmp_path, ticks, f"simulation.inputs = {inputs};")
     u[[0, 3]] = inputs
-    q, v = rolled(kernel, values, ticks, u)
-    n = len(kernel.coordinates)
-    np.testing.assert_allclose(found["q"][:n], q[:n], rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(found["v"], v, rtol=1e-7, atol=1e-8)
-    assert np.abs(q[:n] - values["start"]["q"][:n]).max() > 1e-2
+    q, v, z = rolled(kernel, values, ticks, u)
+    np.testing.assert_allclose(found["q"], q, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose([*found["v"], *found["z"]], [*v, *z], rtol=1e-7, atol=1e-8)
+    assert np.abs(q - values["start"]["q"]).max() > 1e-2
     assert contents_of(servo_axes(), None, None, no_progress).values["inputs"] == []
 
 
@@ -302,16 +313,15 @@ def signal_program(values: dict[str, Any]) -> Callable[[float], Any]:
     return lambda t: motion.at(t)[0]
 
 
-def test_a_recording_has_internal_states_behind_the_rates() -> None:
+def test_a_recording_has_internal_states() -> None:
     robot = bristle_arm()
     result = eomgen.run_scenario(robot, eomgen.Scenario(0.05))
     recorded = contents_of(robot, None, result, no_progress).values["recorded"]
     motion = result.trajectory
     assert motion.z is not None
-    q, v = (np.frombuffer(base64.b64decode(recorded[key])).reshape(motion.t.size, -1) for key in "qv")
-    np.testing.assert_array_equal(v, np.hstack([motion.v, motion.z]))
-    np.testing.assert_array_equal(q[:, : motion.q.shape[1]], motion.q)
-    assert q.shape == v.shape
+    for key, wanted in (("q", motion.q), ("v", motion.v), ("z", motion.z)):
+        found = np.frombuffer(base64.b64decode(recorded[key])).reshape(motion.t.size, -1)
+        np.testing.assert_array_equal(found, wanted)
 
 
 @pytest.mark.soak
@@ -366,7 +376,7 @@ def test_default_scenarios_hold_a_robot() -> None:
 
 def test_deflections_under_the_largest_acceleration_of_the_default_motion() -> None:
     """From the first joint's acceleration at rest: of l2's mass along j2.x, over the stiffness there."""
-    kernel = eomgen.build(bristle_arm(), kernels=KERNELS).augmented
+    kernel = eomgen.build(bristle_arm(), kernels=KERNELS)
     names = kernel.coordinates
     acting = {"cycle": {"start": [0.1], "goal": [0.9], "duration": 2.0}, "drives": [{"joint": 0}]}
     found = _in_motion(bristle_arm(), kernel, np.zeros(len(names)), [names.index("j2.x")], acting)
@@ -413,7 +423,7 @@ def opened(browser: Page, path: Path, fragment: str = "") -> Any:
     return browser.page
 
 
-STATE = "() => ({ t: live.simulation.t, q: [...live.simulation.q], v: [...live.simulation.v] })"
+STATE = "() => { const { t, q, v, z } = live.simulation; return { t, q: [...q], v: [...v], z: [...z] }; }"
 
 
 @pytest.mark.soak
@@ -431,7 +441,7 @@ def test_it_moves_as_rollouts_of_python_do(name: str, browser: Page, pages: Path
     for key, value in changed.items():
         assert page.evaluate("([key, value]) => live.settings.put(key, value)", [f"p.{key}", value])
     kernel.parameters.update(changed)
-    q, v = rolled(kernel, contents.values, 40)
+    q, v, _ = rolled(kernel, contents.values, 40)
     page.evaluate("() => { for (let i = 0; i < 40; i++) live.step(); }")
     found = page.evaluate(STATE)
     assert np.abs(q - start["q"]).max() > 1e-3
@@ -494,12 +504,14 @@ def test_sliders_settings_and_the_address(browser: Page, pages: Path) -> None:
 
 
 @pytest.mark.soak
-def test_a_recording_is_shown_and_goes_on(browser: Page, pages: Path) -> None:
-    result = eomgen.simulate("one_link", duration=0.6)
+@pytest.mark.parametrize("make", [lambda: eomgen.load_robot("one_link"), bristle_arm], ids=["rigid", "bristles"])
+def test_a_recording_is_shown_and_goes_on(make: Callable[[], Robot], browser: Page, pages: Path) -> None:
+    result = eomgen.simulate(make(), duration=0.6)
     page = opened(browser, eomgen.export_live(result, pages / "recorded.html"))
-    t, q = result.trajectory.t, result.trajectory.q
+    t, q, z = result.trajectory.t, result.trajectory.q, result.trajectory.z
     page.evaluate("(t) => { live.play(false); live.at = t; live.changed(); }", float(t[100]))
     np.testing.assert_array_equal(page.evaluate(STATE)["q"], q[100])
+    np.testing.assert_array_equal(page.evaluate(STATE)["z"], [] if z is None else z[100])
     page.get_by_role("button", name="Go on from here").click()
     page.evaluate("() => live.play(false)")
     page.evaluate("(t) => live.advance(t)", float(t[-1]))

@@ -14,6 +14,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from tests.support import simt
 from tests.support.bending_mixtures import PARTS, mixture
+from tests.support.bristles import servo_arm
 from tests.support.figures import Figures
 from tests.support.random_mechanisms import mechanism
 from tests.support.simt_runs import HELD, Near, Subject, chosen_kernels, refusals
@@ -65,6 +66,15 @@ def test_all_kernels_of_built_in_robots_have_the_bits_of_the_c(
     tmp_path: Path, name: str, dtype: str, figures: Figures
 ) -> None:
     check(Subject(as_robot(name), dtype, tmp_path), figures)
+
+
+def test_internal_states_and_forces_beside_drives_are_arrays_of_their_own(tmp_path: Path, figures: Figures) -> None:
+    kernels = ("forward_dynamics", "forward_dynamics_jacobian", "frame_jacobians", *HELD)
+    subject = Subject(servo_arm(), "float64", tmp_path, kernels)
+    about = subject.made.module.META["kernels"]["rk4_rollout"]
+    assert [*about["reads"]] == ["q", "v", "z", "u", "forces"]
+    assert about["writes"] == {"q_out": [4], "v_out": [4], "z_out": [6]}
+    check(subject, figures)
 
 
 @pytest.mark.parametrize("name", BUILTIN)

@@ -48,7 +48,6 @@ from tests.support.bristles import (
     servo_text,
     stateful_arm,
     stateful_linkage,
-    wide,
 )
 from tests.support.builds import Build
 from tests.support.c_project import NO_EIGEN, WARNINGS, need, run
@@ -83,18 +82,20 @@ PLANT = """
 #include <cstdio>
 namespace arm = eomgen::bristle_arm;
 static_assert(arm::state_names.size() == BRISTLE_ARM_INTERNAL_STATES && arm::dof == BRISTLE_ARM_DOF);
-static_assert(arm::states::{first} == arm::coordinate_names.size() && arm::state_names[0] == "{name}");
-static_assert(arm::coordinate_names.size() + arm::state_names.size() == arm::dof);
+static_assert(arm::states::{first} == 0 && arm::state_names[0] == "{name}");
+static_assert(arm::dof + arm::state_names.size() == arm::rates);
 int main()
 {{
     arm::Plant plant;
-    const arm::Plant::Numbers q{{{q}}}, v{{{v}}}, u{{{u}}};
+    const arm::Plant::Numbers q{{{q}}};
+    const arm::Plant::Rates v{{{v}}};
+    const arm::Plant::Inputs u{{{u}}};
     plant.reset(q, v);
     bool good = true;
     for (int k = 0; k < 20; ++k) good = plant.step(u, 1e-4, arm::Method::implicit) && good;
     for (const double x : plant.q()) std::printf("%a ", x);
     for (const double x : plant.v()) std::printf("%a ", x);
-    std::printf("%d %g\\n", good, plant.v()[arm::states::{first}]);
+    std::printf("%d %g\\n", good, plant.v()[arm::dof + arm::states::{first}]);
 }}
 """
 
@@ -163,17 +164,16 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
     functions, (q, v, u, z) = module["make"](np), bent(kernel)
     if robot.is_closed:
         q, v = kernel.home[: q.size], 0.0 * v
-    Q, V, U = wide(kernel, q, v, u, z)
-    whole = kernel.augmented
-    np.testing.assert_allclose(
-        functions.forward_dynamics(Q, V, U), whole.forward_dynamics(Q, V, U), rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(functions.energy(Q, V), whole.energy(Q, V), rtol=1e-12)
+    forces = [np.zeros(len(module["INPUTS"]))] if "INPUTS" in module else []
+    rates = kernel.forward_dynamics(q, v, u, z), kernel.internal_state_derivatives(q, v, z, u)
+    found = functions.forward_dynamics(q, v, z, u, *forces)
+    np.testing.assert_allclose(found, np.concatenate(rates), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(functions.energy(q, v, z), kernel.energy(q, v, z=z), rtol=1e-12)
     if not robot.is_closed:
-        found = functions.rollout(Q, V, U, 1e-4, 10)
+        found = functions.rollout(q, v, z, u, 1e-4, 10)
         motion = kernel.rollout(q, v, u, 1e-4, 10, z=z)
-        np.testing.assert_allclose(found[1][:, q.size :], motion.z, rtol=1e-12)
-        np.testing.assert_allclose(found[0][:, : q.size], motion[0], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(found[2], motion.z, rtol=1e-12)
+        np.testing.assert_allclose(found[0], motion[0], rtol=1e-12, atol=1e-15)
 
 
 def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
@@ -221,8 +221,8 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     """In C++: places by name, and the rollout of Python to the bit; the component takes z beside q."""
     need("gcc", "g++")
     kernel = eomgen.build(bristle_arm(), kernels=("forward_dynamics", "energy", "rollout"))
-    Q, V, U = wide(kernel, *bent(kernel))
-    numbers = {key: ", ".join(x.hex() for x in array.tolist()) for key, array in zip("qvu", (Q, V, U), strict=True)}
+    q, v, u, z = bent(kernel)
+    numbers = {key: ", ".join(x.hex() for x in array) for key, array in (("q", q), ("v", [*v, *z]), ("u", u))}
     first = kernel.internal_states[0]
     (tmp_path / "main.cpp").write_text(PLANT.format(first=first.replace(".", "_"), name=first, **numbers))
     (tmp_path / "include").mkdir()
@@ -233,21 +233,20 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     made = tmp_path / "main"
     sources = (tmp_path / "main.cpp", tmp_path / "kernel.o")
     run("g++", "-std=c++17", *WARNINGS, NO_EIGEN, *places, *sources, "-o", made, "-lm")
-    *found, good, z = run(made).split()
-    q, v = kernel.augmented.rollout(Q, V, U, 1e-4, 20, method="implicit")
-    np.testing.assert_array_equal([float.fromhex(x) for x in found], np.r_[q[-1], v[-1]])
+    *found, good, state = run(made).split()
+    motion = kernel.rollout(q, v, u, 1e-4, 20, method="implicit", z=z)
+    np.testing.assert_array_equal([float.fromhex(x) for x in found], np.r_[motion[0][-1], motion[1][-1], motion.z[-1]])
     assert good == "1"
-    assert float(z) == pytest.approx(v[-1, len(kernel.coordinates)], rel=1e-5)
+    assert float(state) == pytest.approx(motion.z[-1, 0], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in enumerate(kernel.augmented.calls.coordinates):
+    for place, name in (*enumerate(kernel.coordinates), *enumerate(kernel.internal_states)):
         assert f" *   {place:3d}  {name}\n" in header
     names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
-    assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = {len(kernel.coordinates)}" in names
+    assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = 0" in names
     mex = (package / "bristle_arm_mex.c").read_text(encoding="ascii")
     assert f'"{first}",' in mex and 'strcmp(name, "states")' in mex  # noqa: PT018
     component = (package / "ros2" / "component.cpp").read_text(encoding="ascii")
     assert 'declare_parameter<std::vector<double>>("z"' in component
-    assert "resize(dof)" not in component
 
 
 mujoco = OptionalModule("mujoco")

@@ -31,7 +31,7 @@ from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble
 from tests.oracles.force_laws import with_drives, with_laws
 from tests.support.bending_exports import BENDING
-from tests.support.bristles import bent, bristle_linkage, law_changes, servo_arm, stateful_arm, wide
+from tests.support.bristles import bent, bristle_linkage, law_changes, servo_arm, stateful_arm
 from tests.support.optional import needs
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
@@ -49,9 +49,11 @@ const calls = JSON.parse(readFileSync(0, "utf8"));
 const hex = (x) => Buffer.from(x.buffer, x.byteOffset, x.byteLength).toString("hex");
 const found = calls.map(([name, ...given]) => {
   try {
-    const x = kernel[name](...given.map((value) => (value === null ? undefined : value)));
+    const plain = given.map((value) => (value === null ? undefined : value));
+    const x = name === "advance" ? kernel.simulator(...plain.slice(1)).advance(plain[0]) : kernel[name](...plain);
     if (x === kernel) return "set";
-    return ArrayBuffer.isView(x) ? hex(x) : { t: hex(x.t), q: hex(x.q), v: hex(x.v), steps: x.steps };
+    if (ArrayBuffer.isView(x)) return hex(x);
+    return { t: x.t.length ? hex(x.t) : x.t, q: hex(x.q), v: hex(x.v), z: hex(x.z), steps: x.steps };
   } catch (error) {
     return { error: error.message, kind: error.constructor.name, coordinate: error.coordinate };
   }
@@ -88,7 +90,9 @@ def states(kernel: Any, seed: int = 3) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     found = {name: rng.uniform(-0.3, 0.3, kernel.n) for name in "qvau"}
     found |= {"wrench": rng.uniform(-1.0, 1.0, (len(kernel.links), 6))}
-    return found | {name: rng.uniform(-0.3, 0.3, kernel.n) for name in ("jerk", "snap", "u1", "u2")}
+    found |= {name: rng.uniform(-0.3, 0.3, kernel.n) for name in ("jerk", "snap", "u1", "u2")}
+    behind = {name: kernel.raw.shapes[name] for name in ("z", "forces") if name in kernel.raw.shapes}
+    return found | {name: rng.uniform(-0.3, 0.3, shape) for name, shape in behind.items()}
 
 
 def compare_functions(
@@ -111,7 +115,7 @@ def compare_functions(
             continue
         for frame in [None] if function["kind"] != "frames" else range(len(kernel.frames)):
             try:
-                answer = kernel.calls.run(name, None, arrays, () if frame is None else (frame,))
+                answer = kernel.calls.run(name, None, arrays, () if frame is None else (frame,), whole=True)
             except eomgen.LoopError:
                 continue  # random accelerations open loops
             extra = [] if frame is None else [frame]
@@ -173,8 +177,8 @@ def test_under_node_functions_and_rollouts_have_the_same_bits(tmp_path: Path) ->
 @pytest.mark.soak
 @needs_node
 @pytest.mark.parametrize("make", [stateful_arm, bristle_linkage, servo_arm])
-def test_internal_states_stand_behind_coordinates(make: Callable[[], Robot], tmp_path: Path) -> None:
-    """Arrays are those of the C: coordinates, then states; messages name both."""
+def test_internal_states_are_arrays_of_their_own(make: Callable[[], Robot], tmp_path: Path) -> None:
+    """Arguments as of the C, options and results of motions; messages name coordinates and states."""
     robot = make()
     assert compare_functions(tmp_path, robot, exact=False) >= 12
     kernel, made = eomgen.build(robot), make_wasm(robot)
@@ -182,41 +186,49 @@ def test_internal_states_stand_behind_coordinates(make: Callable[[], Robot], tmp
     description, nz = made.description, len(kernel.internal_states)
     assert tuple(description["internal_states"]) == kernel.internal_states
     if robot.name == "servo_arm":  # of which a drive takes a position, and the other one a voltage
-        assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": kernel.augmented.n - 1}
+        assert description["inputs"]["j2.motor"] == {"meaning": "voltage", "unit": "V", "force": 1}
         header = kernel.raw.source("h")
-        assert "j1.gamma: reference of position, rad; 5\n" in header
-        assert "j2.motor: voltage, V; 9\n" in header
+        assert "j1.gamma: reference of position, rad; 0\n" in header
+        assert "j2.motor: voltage, V; 1\n" in header
     else:
         assert description["inputs"] == {}
-    home = np.array(description["home"])
-    assert home[kernel.n :].tolist() == [0.0] * nz
-    q, v, u, z = (home[: kernel.n], *bent(kernel)[1:])
+    q, v, u, z = (np.array(description["home"]), *bent(kernel)[1:])
     v = 0.0 * v if robot.is_closed else v
-    Q, V, U = wide(kernel, q, v, u, z)
+    Q, V, U, Z = (x.tolist() for x in (q, v, u, z))
     methods: dict[str, dict[str, Any]] = {
         "rk4": {"dt": 1e-4, "steps": 60},
         "implicit": {"dt": 1e-4, "steps": 60},
         "tsit5": {"duration": 6e-3, "rtol": 1e-8},
         "rosenbrock": {"duration": 6e-3, "rtol": 1e-8},
     }
-    start = [Q.tolist(), V.tolist()]
     calls = [
-        ["rollout" if "dt" in how else "adaptiveRollout", *start, U.tolist(), {**how, "method": method}]
+        ["rollout" if "dt" in how else "adaptiveRollout", Q, V, U, {**how, "method": method, "z": Z}]
         for method, how in methods.items()
     ]
-    for (method, how), got in zip(methods.items(), with_node(tmp_path, robot.name, calls), strict=True):
+    calls += [["advance", 6e-3, Q, V, {**how, "method": method, "u": U, "z": Z}] for method, how in methods.items()]
+    answers = with_node(tmp_path, robot.name, calls)
+    for (method, how), got, pieces in zip(methods.items(), answers[:4], answers[4:], strict=True):
         motion = kernel.rollout(q, v, u, z=z, method=method, **how)
-        found = [np.frombuffer(bytes.fromhex(got[name])).reshape(-1, kernel.n + nz) for name in "qv"]
-        for array, wanted in zip((*found, found[1][:, kernel.n :]), (*motion, motion.z), strict=True):
-            part = array[:, : wanted.shape[1]]
-            np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-12, err_msg=method)
-    last = kernel.n + nz - 1
-    bad = [
-        ["forwardDynamics", Q.tolist(), [*V[:-1], "heavy"], U.tolist()],
-        ["rollout", *start, None, {"dt": 1e-4, "steps": 1, "kp": np.eye(last + 1)[last].tolist(), "target": start[0]}],
-    ]
-    for got in with_node(tmp_path, robot.name, bad):
-        assert kernel.internal_states[-1] in got["error"]
+        for name, last in zip("qvz", (motion[0][-1], motion[1][-1], motion.z[-1]), strict=True):
+            np.testing.assert_allclose(np.frombuffer(bytes.fromhex(pieces[name])), last, rtol=1e-9, atol=1e-12)
+        for name, wanted in zip("qvz", (*motion, motion.z), strict=True):
+            found = np.frombuffer(bytes.fromhex(got[name])).reshape(wanted.shape)
+            np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12, err_msg=method)
+    if description["inputs"]:  # forces beside drives change velocities as accelerations say
+        forces, dt = np.array([0.4, -0.3]), 1e-8
+        how = {"dt": dt, "steps": 1, "z": Z}
+        calls = [["rollout", Q, V, U, {**how, **more}] for more in ({"forces": forces.tolist()}, {})]
+        ends = [np.frombuffer(bytes.fromhex(got["v"]))[kernel.n :] for got in with_node(tmp_path, robot.name, calls)]
+        a, without = (kernel.calls.run("forward_dynamics", None, (q, v, z, u, x)) for x in (forces, 0.0 * forces))
+        np.testing.assert_allclose((ends[0] - ends[1]) / dt, a - without, rtol=1e-4, atol=1e-4)
+        assert np.abs(a - without).max() > 1.0
+    bad = {
+        f"z[{kernel.internal_states[-1]}]": ["forwardDynamics", Q, V, [*Z[:-1], "heavy"], U],
+        f"z: expected {nz} numbers": ["rollout", Q, V, U, {"dt": 1e-4, "steps": 1, "z": Z[1:]}],
+        f"u: expected {kernel.n} numbers": ["rollout", Q, V, U + Z, {"dt": 1e-4, "steps": 1}],
+    }
+    for said, got in zip(bad, with_node(tmp_path, robot.name, list(bad.values())), strict=True):
+        assert said in got["error"]
     if not robot.is_closed:  # the rigid robot that drives know has no states
         assert make_wasm(robot, kernels=("energy",), model=True).description["model"]["coordinates"] == [
             name for name in kernel.coordinates if name.endswith("gamma")

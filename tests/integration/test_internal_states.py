@@ -238,10 +238,8 @@ def test_drives_of_prescribed_coordinates_are_forces(text: str, expected: Any, b
     """What kernels take there is an acceleration; motions have the force that it needs."""
     robot = robot_from_toml(text.replace('name = "j1"\n', 'name = "j1"\nprescribed = ["gamma"]\n'))
     kernel = built(robot, "mass_matrix")
-    wide = np.zeros((2, kernel.augmented.n))
-    motion = Trajectory(
-        np.arange(2.0), wide, wide, wide, np.zeros((2, 2)), kernel.augmented.calls.coordinates, "rk4"
-    ).apart(kernel)
+    rows, rates, inputs = (np.zeros((2, size)) for size in (kernel.n, kernel.calls.rates, kernel.calls.inputs))
+    motion = Trajectory(np.arange(2.0), rows, rates, inputs, np.zeros((2, 2)), kernel.coordinates, "rk4").apart(kernel)
     assert kernel.inputs["j1.gamma"].unit == "rad/s^2"
     assert motion.input_units == expected
     assert motion_columns(motion)["j1.gamma.drive"][0] == "N m"

@@ -84,7 +84,7 @@ def test_balances_are_as_good_as_tolerances(kind: str, method: str, built: Build
         robot, prescribed = worn(1467, (1, 2)), None
     else:
         robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)
-    kernel, s = built(robot, *NAMES).augmented, random_state(robot, 3)
+    kernel, s = built(robot, *NAMES), random_state(robot, 3)
     if kernel.prescribed:
         prescribed = Harmonic(np.full(len(kernel.prescribed), 0.1), 3.0, 0.4)
     rng = np.random.default_rng(4)

@@ -16,7 +16,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import LINEAR, PRINCIPAL, Coordinate, Friction, Joint, Robot, carriers, load_dependent
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.drive_reference import drive
-from tests.support.random_robots import Array
+from tests.support.random_robots import Array, State
 
 IN_TURNS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
 WITH_STATES = ("bristles", "hysteresis", "branches")  # kinds that have states
@@ -384,7 +384,7 @@ class LawOracle:
 class DriveOracle:
     """Equations of a robot with servo drives: ``LawOracle`` without them, and the drives from their own equations.
 
-    Its arrays are the kernel's: of coordinates, then of internal states, those of drives among them.
+    Its arrays are of coordinates, then of internal states, those of drives among them, see ``arrays``.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -405,6 +405,12 @@ class DriveOracle:
 
     def plain_of(self, robot: Robot, i: int) -> Coordinate:
         return list(coordinates(robot))[i]
+
+    def arrays(self, s: State) -> tuple[Array, Array, Array, Array]:
+        """Return q, v, a and u with numbers of states behind: of q none, in u forces beside drives at first states."""
+        u = np.concatenate([s.u, 0.0 * s.z])
+        u[[states[0] for states in self.model.drives.values()]] = s.forces
+        return np.concatenate([s.q, 0.0 * s.z]), np.concatenate([s.v, s.z]), np.concatenate([s.a, s.rates]), u
 
     def driven(self, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
         """Forces on coordinates, (size,), rates of states, and voltages less what the motion induces, by drives."""

@@ -62,7 +62,7 @@ def subject(seed: int, built: Build, **options: Any) -> tuple[Mixture, Kernel, l
     """Build a robot, and draw states of it; of a mechanism with loops one that is closed."""
     for number in range(seed, seed + 10_000, 1000):
         mixed = mixture(number)
-        kernel = built(mixed.robot, *KERNELS, *(LOOPS if mixed.robot.loops else ()), **options).augmented
+        kernel = built(mixed.robot, *KERNELS, *(LOOPS if mixed.robot.loops else ()), **options)
         states = [mixed.state(number + i) for i in range(STATES)]
         if not mixed.robot.loops:
             return mixed, kernel, states
@@ -87,16 +87,19 @@ def off(found: Any, expected: Any) -> float:
 def test_batches_and_float32(seed: int, built: Build) -> None:
     """States of a batch have the bits of each alone; single precision is near double."""
     mixed, kernel, states = subject(seed, built)
-    single = built(mixed.robot, *READS, *(LOOPS if mixed.robot.loops else ()), dtype="float32").augmented
-    of = {label: np.array([getattr(s, label) for s in states]) for label in "qvau"}
+    single = built(mixed.robot, *READS, *(LOOPS if mixed.robot.loops else ()), dtype="float32")
+    of = {label: np.array([getattr(s, label) for s in states]) for label in ("q", "v", "a", "u", "z")}
     for name, reads in READS.items():
         more = {"cut": True} if mixed.robot.loops and name in OF_TREE else {}
         call, rough = (partial(method_of(x, name), **more) for x in (kernel, single))
         arrays = [of[label] for label in reads]
-        together = call(*arrays)
-        assert np.array_equal(together, [call(*(x[i] for x in arrays)) for i in range(STATES)]), name
+        z = {"z": of["z"]} if kernel.internal_states and kernel.calls.takes_z(name) else {}
+        together = call(*arrays, **z)
+        alone = [call(*(x[i] for x in arrays), **{key: x[i] for key, x in z.items()}) for i in range(STATES)]
+        assert np.array_equal(together, alone), name
         if name != "forward_dynamics" and not mixed.robot.loops:
-            assert off(rough(*(x.astype(np.float32) for x in arrays)), together) < 1e-3, name
+            less = {key: x.astype(np.float32) for key, x in z.items()}
+            assert off(rough(*(x.astype(np.float32) for x in arrays), **less), together) < 1e-3, name
 
 
 @pytest.mark.soak
@@ -105,8 +108,12 @@ def test_derivatives_of_accelerations(seed: int, built: Build) -> None:
     """Tangents and adjoints are products with whole Jacobians; of trees these are differences'."""
     mixed, kernel, (s, *_) = subject(seed, built)
     rng = np.random.default_rng(seed)
-    arguments, weights = (s.q, s.v, s.u), rng.normal(size=kernel.n)
-    blocks, rates = kernel.forward_dynamics_jacobian(*arguments), rng.normal(size=(3, kernel.n))
+    apart = (s.z,) if kernel.internal_states else ()
+    arguments, weights = (s.q, s.v, s.u, *apart), rng.normal(size=kernel.n)
+    whole = kernel.calls.run("forward_dynamics_jacobian", None, arguments[:3], z=s.z if apart else None, whole=True)
+    blocks = [x[: kernel.n, : kernel.n] for x in whole]
+    blocks += [whole[1][: kernel.n, kernel.n :]] if apart else []
+    rates = [rng.normal(size=x.shape) for x in arguments]
     if mixed.robot.loops:
         rates[0] = kernel.project_velocity(s.q, rates[0])
     along = sum(block @ rate for block, rate in zip(blocks, rates, strict=True))
@@ -123,33 +130,42 @@ def test_derivatives_of_accelerations(seed: int, built: Build) -> None:
         assert off((ends[0] - ends[1]) / (2.0 * h), along) < 1e-5
 
 
-def begin(mixed: Mixture, s: State) -> tuple[Array, Array, Array, int]:
-    """Return q, slow v and u where a motion begins, and the number of coordinates; drives' inner states have no u."""
-    n = len(build_model(mixed.robot).coordinates)
-    u = s.u.copy()
-    u[n:] = 0.0
-    return s.q, 0.3 * s.v, u, n
+def begin(s: State) -> tuple[tuple[Array, Array, Array], dict[str, Array]]:
+    """Return q, slow v and u where a motion begins, and its internal states by their argument."""
+    return (s.q, 0.3 * s.v, s.u), {"z": 0.3 * s.z} if s.z.size else {}
+
+
+def samples_of(motion: Any) -> tuple[Array, ...]:
+    """Return q and v of a motion, and z of one with internal states."""
+    return (*motion, motion.z) if hasattr(motion, "z") else tuple(motion)
+
+
+def ends(motion: Any) -> tuple[Array, Array]:
+    """Return q at the end of a motion, and v with internal states behind it."""
+    q, *rates = (x[-1] for x in samples_of(motion))
+    return q, np.concatenate(rates)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("seed", seeds(200, 0, 24))
 def test_motions_by_all_methods(seed: int, built: Build) -> None:
     """All methods find one motion, and a motion that is resumed half way is the whole one."""
-    mixed, kernel, (*_, s) = subject(seed, built)
-    q, v, u, n = begin(mixed, s)
+    _, kernel, (*_, s) = subject(seed, built)
+    state, z = begin(s)
     adaptive = {"tsit5": 1e-8, "rosenbrock": 1e-7, "radau": 1e-8}
-    found = {x: kernel.rollout(q, v, u, method=x, rtol=r, duration=0.02, samples=2) for x, r in adaptive.items()}  # type: ignore[arg-type]
-    found["rk4"] = kernel.rollout(q, v, u, method="rk4", dt=1e-5, steps=2000, every=1000)
-    found["implicit"] = kernel.rollout(q, v, u, method="implicit", dt=1e-5, steps=2000, every=1000)
-    q_end, v_end = (x[-1] for x in found["tsit5"])
-    for method, (qs, vs) in found.items():
-        limit = 1e-2 if method == "implicit" else 1e-5
-        assert off(qs[-1][:n], q_end[:n]) < limit, method
-        assert off(vs[-1], v_end) < limit, method
-    qs, vs = found["rk4"]
-    again = kernel.rollout(qs[1], vs[1], u, method="rk4", dt=1e-5, steps=1000, every=1000)
-    assert np.array_equal(again[0][-1], qs[-1])
-    assert np.array_equal(again[1][-1], vs[-1])
+    found = {x: kernel.rollout(*state, method=x, rtol=r, duration=0.02, samples=2, **z) for x, r in adaptive.items()}  # type: ignore[arg-type]
+    for method in ("rk4", "implicit"):
+        found[method] = kernel.rollout(*state, method=method, dt=1e-5, steps=2000, every=1000, **z)  # type: ignore[arg-type]
+    q_end, rates_end = ends(found["tsit5"])
+    for method, motion in found.items():
+        limit, (q, rates) = 1e-2 if method == "implicit" else 1e-5, ends(motion)
+        assert off(q, q_end) < limit, method
+        assert off(rates, rates_end) < limit, method
+    (qs, vs), u = found["rk4"], state[2]
+    middle = {"z": found["rk4"].z[1]} if z else {}
+    again = kernel.rollout(qs[1], vs[1], u, method="rk4", dt=1e-5, steps=1000, every=1000, **middle)
+    for one, other in zip(ends(again), ends(found["rk4"]), strict=True):
+        assert np.array_equal(one, other)
 
 
 @pytest.mark.soak
@@ -157,28 +173,29 @@ def test_motions_by_all_methods(seed: int, built: Build) -> None:
 def test_gradients_of_motions_are_their_sensitivities(seed: int, built: Build) -> None:
     """By drives, states and parameters, those of modes among them; those of Runge-Kutta's steps are differences'."""
     mixed, kernel, (*_, s) = subject(seed, built)
-    q, v, u, n = begin(mixed, s)
+    state, z = begin(s)
     rng, loops = np.random.default_rng(seed), mixed.robot.loops
     along = {"u": rng.normal(size=(2, kernel.n))}
-    along["u"][:, n:] = 0.0
     if not loops:
         along |= {"q": rng.normal(size=(2, kernel.n)), "v": rng.normal(size=(2, kernel.n))}
+        along |= {key: rng.normal(size=(2, x.size)) for key, x in z.items()}
     parameters = tuple(x for x in kernel.parameters if ".modes." in x)[:4] + tuple(kernel.parameters)[:3]
     for method, options in GRADIENTS.items():
-        asked: dict[str, Any] = {"method": method, "parameters": parameters, **options}
-        (qs, _), (dq, dv) = kernel.rollout_sensitivity(q, v, u, along=along, **asked)
-        weights = rng.normal(size=(2, *qs.shape))
-        loss = partial(lambda w, t, q, v: (0.0, *w), weights)
-        _, by = kernel.rollout_gradient(q, v, u, loss=loss, **asked)
-        found = np.einsum("sn,sdn->d", weights[0], dq) + np.einsum("sn,sdn->d", weights[1], dv)
+        asked: dict[str, Any] = {"method": method, "parameters": parameters, **z, **options}
+        samples, slopes = kernel.rollout_sensitivity(*state, along=along, **asked)
+        weights = [rng.normal(size=x.shape) for x in samples]
+        loss = partial(lambda w, *_: (0.0, *w), weights)
+        _, by = kernel.rollout_gradient(*state, loss=loss, **asked)
+        found = sum(np.einsum("sn,sdn->d", *pair) for pair in zip(weights, slopes, strict=True))
         wanted = [sum((by[x][None] * rates)[i].sum() for x, rates in along.items()) for i in range(2)]
         assert off(found, [*wanted, *(by[x] for x in parameters)]) < 1e-8, method
         if method == "rk4" and not loops and "drives" not in mixed.parts:
             h = 1e-6
-            moved = [[x + sign * h * along[k][0] for k, x in (("q", q), ("v", v), ("u", u))] for sign in (1.0, -1.0)]
-            ends = [kernel.rollout(*x, method="rk4", **options) for x in moved]
-            for one, other, slope in zip(*ends, (dq[:, 0], dv[:, 0]), strict=True):
-                assert off((one - other) / (2.0 * h), slope) < 1e-5
+            given = dict(zip("qvu", state, strict=True)) | z
+            moved = [{k: x + sign * h * along[k][0] for k, x in given.items()} for sign in (1.0, -1.0)]
+            found = [kernel.rollout(**x, method="rk4", **options) for x in moved]
+            for one, other, slope in zip(*(samples_of(x) for x in found), slopes, strict=True):
+                assert off((one - other) / (2.0 * h), slope[:, 0]) < 1e-5
 
 
 def free_link(seed: int, *, second: bool = True) -> tuple[Robot, Link]:

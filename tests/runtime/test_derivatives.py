@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -237,19 +238,19 @@ WITH_STATES = {  # laws with internal states: a corner at v = 0
 def test_laws_with_states_have_derivatives_of_the_negative_side_at_rest(built: Build) -> None:
     """All of them, by velocities; bristles and springs are deflected, so that the sides differ."""
     bodies = "".join(BODY.format(name, MASS, "prismatic") + f"z = {{ {law} }}\n" for name, law in WITH_STATES.items())
-    kernel = built(robot_from_toml(f'name = "resting"\ngravity = [0.0, 0.0, 0.0]\n{bodies}'), *SECOND, *EXACT).augmented
-    q, still, h = np.zeros(4), np.zeros(4), 1e-7
-    v = np.array([0.0, 0.0, 1e-3, 0.1])
-    here, one, other = (kernel.forward_dynamics(q, v + x, still) for x in (still, [-h, -h, 0, 0], [h, h, 0, 0]))
-    along = (here - one) / h
+    kernel = built(robot_from_toml(f'name = "resting"\ngravity = [0.0, 0.0, 0.0]\n{bodies}'), *SECOND, *EXACT)
+    still, z, h = np.zeros(2), np.array([1e-3, 0.1]), 1e-7
+    run = partial(kernel.calls.run, z=z, whole=True)
+    here, one, other = (run("forward_dynamics", None, (still, still + x, still)) for x in (0.0, -h, h))
+    along, ones = (here - one) / h, np.ones(2)
     assert (np.abs(along - (other - here) / h)[2:] > 0.1).all()
-    rates = np.array([1.0, 1.0, 0.0, 0.0])
-    slope = kernel.forward_dynamics_jacobian(q, v, still)[1]
-    np.testing.assert_allclose(slope @ rates, along, rtol=1e-5, atol=1e-5)
-    jvp = kernel.jvp("forward_dynamics", (q, v, still), (0.0 * q, rates, still))
+    slope = run("forward_dynamics_jacobian", None, (still, still, still))[1]
+    np.testing.assert_allclose(slope @ [1.0, 1.0, 0.0, 0.0], along, rtol=1e-5, atol=1e-5)
+    jvp = run("forward_dynamics_tangent", None, (still, still, z, still, still, ones, 0.0 * z, still))
     np.testing.assert_allclose(jvp, along, rtol=1e-5, atol=1e-5)
-    rows = [kernel.vjp("forward_dynamics", (q, v, still), weights)[1] @ rates for weights in np.eye(4)]
-    np.testing.assert_allclose(rows, along, rtol=1e-5, atol=1e-5)
+    arguments = still, still, still, z
+    rows = [kernel.vjp("forward_dynamics", arguments, weights)[1] @ ones for weights in np.eye(2)]
+    np.testing.assert_allclose(rows, along[:2], rtol=1e-5, atol=1e-5)
 
 
 ENDS = ("", "_tangent", "_adjoint", "_hessian", "_parameter_tangent", "_parameter_adjoint")

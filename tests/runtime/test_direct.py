@@ -244,7 +244,7 @@ SLOW = ("a tree", "loops", "bending")
 )
 def test_both_bindings_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
     at_once = () if (robot, dtype) == ("one_link", "float64") else ("all",)  # one: each kernel when it is called first
-    kernel = built(ROBOTS[robot](), *at_once, dtype=dtype).augmented  # whose plain calls go to the C
+    kernel = built(ROBOTS[robot](), *at_once, dtype=dtype)
     made, direct = Calls(kernel, 5), 0
     assert len(made.names) > 12
     for name in made.names:

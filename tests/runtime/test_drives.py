@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,30 +41,31 @@ def _names(kernel: eomgen.Kernel) -> list[str]:
 @pytest.mark.parametrize("name", DRIVES)
 def test_accelerations_and_their_derivatives_are_those_of_the_equations(name: str, built: Build) -> None:
     table, _ = DRIVES[name]
-    kernel, numbers, rng = built(servo(table)).augmented, numbers_of(table), np.random.default_rng(1)
+    kernel, numbers, rng = built(servo(table)), numbers_of(table), np.random.default_rng(1)
+    names, run = _names(kernel), partial(kernel.calls.run, out=None, whole=True)
     for size in (0.1, 1.0, 10.0, 100.0):
-        q, v, u = rng.normal(size=(3, kernel.n))
-        v[1:] *= size
-        u[0] *= size
-        force, rates, voltage = drive(numbers, q[0], v[0], dict(zip(_names(kernel), v[1:], strict=True)), u[0])
-        wanted = [(force + u[1] - DAMPING * v[0]) / INERTIA, *(rates[x] for x in _names(kernel))]
-        a = kernel.forward_dynamics(q, v, u)
+        q, v, u, beside = rng.normal(size=(4, 1)) * [[1.0], [1.0], [size], [1.0]]
+        z = size * rng.normal(size=len(names))
+        force, rates, voltage = drive(numbers, q[0], v[0], dict(zip(names, z, strict=True)), u[0])
+        wanted = [(force + beside[0] - DAMPING * v[0]) / INERTIA, *(rates[x] for x in names)]
+        state = q, v, z, u, beside
+        a = run("forward_dynamics", values=state)
         np.testing.assert_allclose(a, wanted, rtol=1e-12, atol=1e-12 * size)
-        np.testing.assert_allclose(kernel.residual(q, v, a, u), 0.0, atol=1e-12 * size)
-        exerted = kernel.functions.drive_forces(q, v, u)
-        assert exerted[0] == pytest.approx(force + u[1], rel=1e-14)
-        if "current" in _names(kernel):
+        left = run("residual", values=(q, v, z, a[:1], u, beside))
+        np.testing.assert_allclose(left, 0.0, atol=1e-12 * size)
+        exerted = run("drive_forces", values=state)
+        assert exerted[0] == pytest.approx(force + beside[0], rel=1e-14)
+        if "current" in names:
             assert exerted[-1] == pytest.approx(voltage - 0.5 * v[0], rel=1e-12, abs=1e-12 * size)
-        for slopes, x in zip(kernel.forward_dynamics_jacobian(q, v, u), (q, v, u), strict=True):
-            for i in range(kernel.n):
+        by_q, by_v, by_u = run("forward_dynamics_jacobian", values=state)
+        slopes = by_q[:, :1], by_v[:, :1], by_v[:, 1:], by_u[:, :1], by_u[:, 1:2]
+        for k, x in enumerate(state):
+            for i in range(x.size):
                 step = 1e-6 * max(1.0, abs(x[i]))
-                ends = []
-                for sign in (1.0, -1.0):
-                    moved = [y.copy() for y in (q, v, u)]
-                    moved[next(k for k, y in enumerate((q, v, u)) if y is x)][i] += sign * step
-                    ends.append(kernel.forward_dynamics(*moved))
+                moved = [(*state[:k], x + sign * step * np.eye(x.size)[i], *state[k + 1 :]) for sign in (1.0, -1.0)]
+                ends = [run("forward_dynamics", values=values) for values in moved]
                 differences = (ends[0] - ends[1]) / (2.0 * step)
-                np.testing.assert_allclose(slopes[:, i], differences, rtol=1e-5, atol=1e-5 * max(1.0, size))
+                np.testing.assert_allclose(slopes[k][:, i], differences, rtol=1e-5, atol=1e-5 * max(1.0, size))
 
 
 @pytest.mark.parametrize("name", soaked(DRIVES, ("cascade", "lag")))
@@ -110,10 +112,10 @@ def test_a_current_loop_has_the_bandwidth_that_its_gains_are_for(built: Build) -
     R, L, w = 0.7, 1.4e-3, 2000.0
     winding = f"winding = {{ resistance = {R}, inductance = {L}, torque_constant = 1e-9 }}"
     kernel = built(servo(f"{winding}, controller = {{ current = {{ kp = {w * L}, ki = {w * R} }} }}"))
-    whole = kernel.augmented
-    zero = np.zeros(whole.n)
-    _, by_v, by_u = whole.forward_dynamics_jacobian(zero, zero, zero)
-    states = slice(1, whole.n)
+    zero = np.zeros(1)
+    run = partial(kernel.calls.run, "forward_dynamics_jacobian", None, whole=True)
+    _, by_v, by_u = run((zero, zero, zero), z=np.zeros(len(kernel.internal_states)))
+    states = slice(1, None)
     A, B, row = by_v[states, states], by_u[states, 0], _names(kernel).index("current")
     for frequency in (0.1 * w, w, 10.0 * w):
         gain = np.linalg.solve(1j * frequency * np.eye(len(A)) - A, B)[row]
@@ -174,12 +176,15 @@ def test_forces_beside_a_drive_act_on_its_coordinate(built: Build) -> None:
     """External wrenches act on the arm, whatever u means, in forward dynamics, C and Python."""
     table, u = DRIVES["voltage"]
     kernel = built(servo(table))
-    q, v, drives = np.zeros(2), np.array([0.3, 1.0]), np.array([u, 0.0])
+    q, v, z, drives = np.zeros(1), np.array([0.3]), np.array([1.0]), np.array([u])
     wrench = {"arm": [0.0, 2.0, 0.0, 0.0, 0.0, 0.5]}
-    free = kernel.augmented.forward_dynamics(q, v, drives)
-    pushed = kernel.augmented.forward_dynamics(q, v, drives, wrench=wrench)
+    free = kernel.forward_dynamics(q, v, drives, z)
+    pushed = kernel.forward_dynamics(q, v, drives, z, wrench=wrench)
     assert pushed[0] - free[0] == pytest.approx((0.2 * 2.0 + 0.5) / INERTIA)
-    assert pushed[1] == free[1]
+    values = kernel.calls.arguments("forward_dynamics", (q, v, drives), z, [0.2 * 2.0 + 0.5])
+    beside = kernel.calls.run("forward_dynamics", None, values, whole=True)
+    assert beside[0] == pytest.approx(pushed[0])
+    assert beside[1] == kernel.internal_state_derivatives(q, v, z, drives)[0]
     row = Signal.constant(np.array(wrench["arm"]))
     loads = InputSignals(wrenches=[LinkWrench(0, row)])
     in_c = kernel.rollout([0.0], [0.0], [u], duration=0.2, samples=4, method="radau", rtol=1e-9, loads=loads, z=[0.0])
@@ -260,11 +265,11 @@ def test_efforts_clip_forces_alone(built: Build) -> None:
 def test_linear_systems_have_drives(built: Build) -> None:
     """Free drives work about the state: eigenvalues, and responses to their inputs."""
     robot = servo(DRIVES["cascade"][0])
-    kernel = built(robot).augmented
+    kernel = built(robot)
     system = eomgen.analysis.linearize(robot, drives="free", inputs=["joint1.gamma"], outputs=["joint1.gamma"])
-    zero = np.zeros(kernel.n)
-    by_q, by_v, by_u = kernel.forward_dynamics_jacobian(zero, zero, zero)
-    A = np.zeros((kernel.n + 1, kernel.n + 1))
+    zero, z = np.zeros(kernel.n), np.zeros(len(kernel.internal_states))
+    by_q, by_v, by_u = kernel.calls.run("forward_dynamics_jacobian", None, (zero, zero, zero), z=z, whole=True)
+    A = np.zeros((len(z) + 2,) * 2)
     A[0, 1] = 1.0
     A[1:, 0], A[1:, 1:] = by_q[:, 0], by_v
     np.testing.assert_allclose(system.A, A, rtol=1e-9, atol=1e-6)
@@ -375,23 +380,19 @@ placements = [{{ xyz = [0.5, 0.0, 0.0] }}, {{ xyz = [0.4, 0.0, 0.0] }}]
 def test_drives_move_closed_loops(built: Build) -> None:
     """Methods agree, works and energies balance, and derivatives are those of the accelerations."""
     kernel = built(robot_from_toml(LINKAGE))
-    whole, m = kernel.augmented, kernel.n
-    n = whole.n
+    n, run = kernel.n, partial(kernel.calls.run, out=None, whole=True)
     begin = kernel.assemble([0.9, 0.0, 0.0], ["crank.gamma"])
-    q, v, u = np.zeros((3, n))
-    q[:m] = begin
-    v[:m] = kernel.project_velocity(begin, [1.0, 0.0, 0.0], ["crank.gamma"])
-    v[m:], u[0], u[m] = [0.1, 0.02, 0.5], 2.0, 0.3
-    _, by_v, by_u = whole.forward_dynamics_jacobian(q, v, u)
-    for slopes, places in ((by_v, range(m, n)), (by_u, range(n))):
-        for i in places:
-            step = 1e-5 * np.eye(n)[i]
-            ends = [(v + s * step, u) if slopes is by_v else (v, u + s * step) for s in (1.0, -1.0)]
-            ahead, behind = (whole.forward_dynamics(q, *end) for end in ends)
+    v, z = kernel.project_velocity(begin, [1.0, 0.0, 0.0], ["crank.gamma"]), np.array([0.1, 0.02, 0.5])
+    state = begin, v, z, np.array([2.0, 0.0, 0.0]), np.array([0.3])
+    _, by_v, by_u = run("forward_dynamics_jacobian", values=state)
+    for k, slopes in ((2, by_v[:, n:]), (3, by_u[:, :n]), (4, by_u[:, n : n + 1])):
+        for i, step in enumerate(1e-5 * np.eye(state[k].size)):
+            ends = [(*state[:k], state[k] + s * step, *state[k + 1 :]) for s in (1.0, -1.0)]
+            ahead, behind = (run("forward_dynamics", values=end) for end in ends)
             np.testing.assert_allclose(slopes[:, i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-6)
     options: dict[str, Any] = {"duration": 1.0, "output_step": 0.25, "drive": [2.0, 0.0, 0.0]}
     motions = [
-        integrate(kernel, begin, np.zeros(m), method=method, rtol=1e-9, works=method == "radau", **options)
+        integrate(kernel, begin, np.zeros(n), method=method, rtol=1e-9, works=method == "radau", **options)
         for method in ("radau", "rosenbrock", "tsit5", "scipy:Radau")
     ]
     for motion in motions[1:]:

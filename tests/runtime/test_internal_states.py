@@ -1,4 +1,4 @@
-"""Robots with internal states: z is an array of its own, and results have the numbers of augmented arrays."""
+"""Robots with internal states: z is an array of its own, and results are those of coordinates."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ LOOPED = {"constraint": "q", "constraint_jacobian": "q", "constraint_bias": "qv"
 
 
 class State:
-    """A state of a kernel, split and augmented."""
+    """A state of a kernel, or many."""
 
     def __init__(self, kernel: eomgen.Kernel, lead: tuple[int, ...] = (), seed: int = 1) -> None:
         rng, n = np.random.default_rng(seed), len(kernel.coordinates)
@@ -48,9 +48,6 @@ class State:
             self.apart["a"] *= 0.0
         self.apart = {name: x.astype(kernel.dtype) for name, x in self.apart.items()}
         self.z = self.z.astype(kernel.dtype)
-        self.whole = {
-            name: np.concatenate([x, self.z if name == "v" else 0 * self.z], axis=-1) for name, x in self.apart.items()
-        }
 
 
 @pytest.fixture(scope="module", params=soaked(ROBOTS, ("linkage",)))
@@ -58,81 +55,72 @@ def kernel(request: pytest.FixtureRequest, built: Build) -> eomgen.Kernel:
     return built(ROBOTS[request.param]())
 
 
-def equal(narrow: Any, wide: Any, axes: int) -> bool:
-    """Whether a result is the part of coordinates of another, to the bit; its last axes are by coordinates."""
-    n = narrow.shape[-1]
-    part = wide[(..., *(slice(n),) * axes)]
-    return narrow.shape == part.shape and bool((narrow == part).all())
+def close(found: Any, expected: Any, rel: float = 1e-6) -> None:
+    """Assert that two arrays differ by no more than a part of the greatest number."""
+    expected = np.asarray(expected)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=rel * max(1e-9, np.abs(expected).max(initial=0.0)))
+
+
+def slopes(call: Callable[..., Any], args: tuple[Any, ...], k: int, h: float = 1e-6) -> Any:
+    """Return differences of a result by the k-th argument, behind its axes."""
+    columns = []
+    for step in h * np.eye(args[k].size):
+        ahead, behind = (call(*args[:k], args[k] + s * step, *args[k + 1 :]) for s in (1.0, -1.0))
+        columns.append((ahead - behind) / (2.0 * h))
+    return np.stack(columns, axis=-1)
 
 
 @pytest.mark.parametrize("lead", [*(pytest.param(x, marks=pytest.mark.soak) for x in ((), (3,))), (2, 2)])
-def test_all_methods_take_coordinates_alone(kernel: eomgen.Kernel, lead: tuple[int, ...]) -> None:
-    s = State(kernel, lead)
+def test_all_methods_take_coordinates_and_states_apart(kernel: eomgen.Kernel, lead: tuple[int, ...]) -> None:
+    """Results have the bits of single states, in new arrays and in given ones."""
+    s, n = State(kernel, lead), kernel.n
     axes = {"mass_matrix": 2, "gravity": 1, "christoffel": 3, "bias_force": 1, "nonlinear_effects": 1}
     axes |= {"coriolis_matrix": 2, "generalized_force": 1, "inverse_dynamics": 1, "residual": 1}
-    axes |= {"constraint_jacobian": 1}
     calls = dict.fromkeys(PLAIN, "q") | dict.fromkeys(MOVING, "qv") | WITH_Z
     calls |= LOOPED if kernel.constraints else {}
-    whole = kernel.augmented
     for name, reads in calls.items():
         method, apart = method_of(kernel, name), {"z": s.z} if name in WITH_Z else {}
-        narrow = method(*(s.apart[x] for x in reads), **apart)
-        assert equal(narrow, method_of(whole, name)(*(s.whole[x] for x in reads)), axes.get(name, 0)), name
-        out = np.empty_like(narrow)
+        together = method(*(s.apart[x] for x in reads), **apart)
+        assert together.shape[together.ndim - axes.get(name, 0) :] == (n,) * axes.get(name, 0), name
+        for place in np.ndindex(lead):
+            alone = method(*(s.apart[x][place] for x in reads), **{key: x[place] for key, x in apart.items()})
+            assert (alone == together[place]).all(), name
+        out = np.empty_like(together)
         assert method(*(s.apart[x] for x in reads), **apart, out=out) is out, name
-        assert (out == narrow).all(), name
-    q, v, u = (s.apart[x] for x in "qvu")
-    wide = whole.forward_dynamics(*(s.whole[x] for x in "qvu"))
-    assert equal(kernel.forward_dynamics(q, v, u, s.z), wide, 1)
-    assert (kernel.internal_state_derivatives(q, v, s.z, u) == wide[..., len(kernel.coordinates) :]).all()
+        assert (out == together).all(), name
+    q, v, a, u = (s.apart[x] for x in "qvau")
+    rates = kernel.calls.run("forward_dynamics", None, (q, v, u), z=s.z, whole=True)
+    assert rates.shape == (*lead, n + len(kernel.internal_states))
+    assert (kernel.forward_dynamics(q, v, u, s.z) == rates[..., :n]).all()
+    assert (kernel.internal_state_derivatives(q, v, s.z, u) == rates[..., n:]).all()
     frame = kernel.links[-1]
-    assert equal(kernel.frame_jacobian(q, frame), whole.frame_jacobian(s.whole["q"], frame), 1)
-    still, wide = np.zeros(kernel.n), np.zeros(whole.n)
-    found, expected = (
-        kernel.frame_acceleration(q, v, still, frame),
-        whole.frame_acceleration(*(s.whole[x] for x in "qv"), wide, frame),
-    )
-    assert (found == expected).all()
-    regressor = kernel.functions.regressor(*(s.apart[x] for x in "qva"))
-    assert (
-        regressor == whole.functions.regressor(*(s.whole[x] for x in "qva"))[..., : len(kernel.coordinates), :]
-    ).all()
+    assert kernel.frame_jacobian(q, frame).shape == (*lead, 6, n)
+    assert kernel.functions.regressor(q, v, a).shape[-2] == n
     load = {frame: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
-    for name, reads in (("inverse_dynamics", "qva"), ("residual", "qvau"), ("reactions", "qva")):
-        narrow = method_of(kernel, name)(*(s.apart[x] for x in reads), wrench=load, z=s.z)
-        wide = method_of(whole, name)(*(s.whole[x] for x in reads), wrench=load)
-        assert equal(narrow, wide, int(name != "reactions")), name
-    under = kernel.forward_dynamics(q, v, u, s.z, wrench=load)
-    assert equal(under, whole.forward_dynamics(*(s.whole[x] for x in "qvu"), wrench=load), 1)
+    force = kernel.functions.external_force(q, load)
+    if not kernel.constraints:
+        M, drives = kernel.mass_matrix(q), kernel.inverse_dynamics(q, v, a, z=s.z)
+        acting = kernel.generalized_force(q, v, z=s.z) - kernel.bias_force(q, v)
+        close(drives, np.einsum("...ij,...j->...i", M, a) - acting, 1e-12)
+        close(kernel.inverse_dynamics(q, v, a, wrench=load, z=s.z), drives - force, 1e-12)
+        exerted = kernel.functions.drive_forces(q, v, u, s.z)
+        for forces, more in ((exerted, {}), (exerted + force, {"wrench": load})):
+            found = kernel.forward_dynamics(q, v, u, s.z, **more)
+            close(np.einsum("...ij,...j->...i", M, found), acting + forces, 1e-9)
     if kernel.constraints:
-        assert equal(
-            kernel.loop_reactions(q, v, s.apart["a"], z=s.z), whole.loop_reactions(*(s.whole[x] for x in "qva")), 0
-        )
-        forces = kernel.constraint_forces(q, v, u, z=s.z)
-        assert (forces == whole.constraint_forces(*(s.whole[x] for x in "qvu"))).all()
-        assert equal(
-            kernel.assemble(q + 1e-3),
-            whole.assemble(s.whole["q"] + np.r_[1e-3 * np.ones(q.shape[-1]), 0 * s.z.reshape(-1, s.z.shape[-1])[0]]),
-            1,
-        )
-        assert equal(kernel.project_velocity(q, v + 1.0), whole.project_velocity(s.whole["q"], s.whole["v"] + 1.0), 1)
-    if kernel.couplings:
-        forces = kernel.functions.coupling_forces(q, v, s.apart["a"], z=s.z)
-        assert (forces == whole.functions.coupling_forces(*(s.whole[x] for x in "qva"))).all()
-        followers = kernel.followers(q, v)
-        assert all(
-            (a == b).all()
-            for name, pair in whole.followers(*(s.whole[x] for x in "qv")).items()
-            for a, b in zip(pair, followers[name], strict=True)
-        )
+        under = kernel.forward_dynamics(q, v, u, s.z, wrench=load)
+        close(kernel.forward_dynamics(q, v, u + force, s.z), under, 1e-12)
+        assert kernel.constraint_forces(q, v, u, z=s.z).shape == (*lead, len(kernel.constraints))
+        assert kernel.loop_reactions(q, v, a, z=s.z).shape[: len(lead)] == lead
+        assert kernel.project_velocity(q, v + 1.0).shape == (*lead, n)
 
 
 def test_blocks_and_inverse_kinematics(built: Build) -> None:
     kernel = built(bristled_arm())
     s = State(kernel)
-    for blocks in (kernel.blocks(s.apart["q"]), kernel.augmented.blocks(s.whole["q"])):
-        assert (blocks.mass["j1", "j2"] == kernel.mass_matrix(s.apart["q"])[:1, 1:]).all()
-        assert set(blocks.mass) == {("j1", "j1"), ("j1", "j2"), ("j2", "j1"), ("j2", "j2")}
+    blocks = kernel.blocks(s.apart["q"])
+    assert (blocks.mass["j1", "j2"] == kernel.mass_matrix(s.apart["q"])[:1, 1:]).all()
+    assert set(blocks.mass) == {("j1", "j1"), ("j1", "j2"), ("j2", "j1"), ("j2", "j2")}
     pose = kernel.frame_pose(s.apart["q"], "tcp")
     q = kernel.inverse_kinematics(pose, q0=s.apart["q"] + [0.1, 0.0, 0.0, 0.1])
     assert q == pytest.approx(s.apart["q"], abs=1e-9)
@@ -150,46 +138,39 @@ def test_blocks_and_inverse_kinematics(built: Build) -> None:
 def test_derivatives(built: Build) -> None:
     """Of functions that no internal state acts on, and of others, where z is one more argument."""
     kernel = built(bristled_arm())
-    s, n, whole = State(kernel), 4, kernel.augmented
+    s, n = State(kernel), 4
+    q, v, a, u = (s.apart[x] for x in "qvau")
+    args, energy = (q, v), (q, v, s.z)
     weights = np.random.default_rng(0).normal(size=(n,))
-    wide = np.r_[weights, 0.0, 0.0]
-    args, augmented = tuple(s.apart[x] for x in "qv"), tuple(s.whole[x] for x in "qv")
-    for narrow, full in zip(
-        kernel.vjp("bias_force", args, weights), whole.vjp("bias_force", augmented, wide), strict=True
-    ):
-        assert equal(narrow, full, 1)
-    rates = s.whole["q"], np.r_[args[1], 0.0, 0.0]
-    assert equal(kernel.jvp("bias_force", args, args), whole.jvp("bias_force", augmented, rates), 1)
-    second, places = kernel.hessian("bias_force", args, weights), [0, 1, 2, 3, 6, 7, 8, 9]
-    assert (second == whole.hessian("bias_force", augmented, wide)[np.ix_(places, places)]).all()
-    by_numbers = kernel.parameter_jacobian("mass_matrix", args[:1])
-    assert (by_numbers == whole.parameter_jacobian("mass_matrix", augmented[:1])[:n, :n]).all()
-    assert kernel.parameter_jacobian("mass_matrix", args[:1], []).shape == (n, n, 0)
-    turned = kernel.vjp("frame_jacobian", (args[0], "tcp"), np.ones((6, n)))[0]
-    ones = np.concatenate([np.ones((6, n)), np.zeros((6, 2))], axis=1)
-    assert (turned == whole.vjp("frame_jacobian", (augmented[0], "tcp"), ones)[0][:n]).all()
+    by = [slopes(kernel.bias_force, args, k) for k in (0, 1)]
+    for found, matrix in zip(kernel.vjp("bias_force", args, weights), by, strict=True):
+        close(found, weights @ matrix)
+    close(kernel.jvp("bias_force", args, args), by[0] @ q + by[1] @ v)
+    second = kernel.hessian("bias_force", args, weights)
+    gradient = lambda q, v: np.concatenate(kernel.vjp("bias_force", (q, v), weights))  # noqa: E731
+    close(second, np.hstack([slopes(gradient, args, k) for k in (0, 1)]))
+    assert kernel.parameter_jacobian("mass_matrix", (q,), []).shape == (n, n, 0)
+    turned = kernel.vjp("frame_jacobian", (q, "tcp"), np.ones((6, n)))[0]
+    close(turned, slopes(lambda q: kernel.frame_jacobian(q, "tcp").sum(), (q,), 0))
     names = ["joints.j2.beta.friction.bristle_stiffness"]
-    *gradient, by_number = kernel.vjp("energy", (*args, s.z), [1.0, 2.0], names)
-    by_q, by_v, by_number_too = whole.vjp("energy", augmented, [1.0, 2.0], names)
-    assert all((x == y).all() for x, y in zip(gradient, (by_q[:n], by_v[:n], by_v[n:]), strict=True))
-    assert (by_number == by_number_too).all()
-    found = kernel.jvp("energy", (*args, s.z), (*args, s.z))
-    assert (found == whole.jvp("energy", augmented, augmented)).all()
-    second = kernel.hessian("energy", (*args, s.z), [1.0, 1.0])
-    places += [10, 11]
-    assert (second == whole.hessian("energy", augmented, [1.0, 1.0])[np.ix_(places, places)]).all()
-    by_numbers = kernel.parameter_jacobian("energy", (*args, s.z), names)
-    assert (by_numbers == whole.parameter_jacobian("energy", augmented, names)).all()
-    narrow = kernel.forward_dynamics_jacobian(*args, s.apart["u"], s.z)
-    full = whole.forward_dynamics_jacobian(*augmented, s.whole["u"])
-    assert all(equal(x, y, 2) for x, y in zip(narrow, full, strict=True))
-    narrow = kernel.residual_jacobian(*args, s.apart["a"], z=s.z)
-    full = whole.residual_jacobian(*augmented, s.whole["a"])
-    assert all(equal(x, y, 2) for x, y in zip(narrow, full, strict=True))
-    q, v, a, jerk, z, rate = *args, s.apart["a"], s.apart["u"], s.z, 2.0 * s.z
-    series = s.whole["q"], s.whole["v"], np.r_[a, rate], s.whole["u"]
-    jets = kernel.jet("inverse_dynamics", (q, v, a, jerk, (z, rate)), 1), whole.jet("inverse_dynamics", series, 1)
-    assert all(equal(x, y, 1) for x, y in zip(*jets, strict=True))
+    run = lambda q, v, z: kernel.energy(q, v, z=z)  # noqa: E731
+    by = [slopes(run, energy, k, h) for k, h in enumerate((1e-6, 1e-6, 1e-4))]  # of z it is of second order
+    *gradients, by_number = kernel.vjp("energy", energy, [1.0, 2.0], names)
+    for found, matrix in zip(gradients, by, strict=True):
+        close(found, [1.0, 2.0] @ matrix)
+    by_numbers = kernel.parameter_jacobian("energy", energy, names)
+    close(by_numbers, [[0.0], [0.5 * s.z[1] ** 2]], 1e-12)
+    close(by_number, [1.0, 2.0] @ by_numbers, 1e-12)
+    close(kernel.jvp("energy", energy, energy), sum(matrix @ x for matrix, x in zip(by, energy, strict=True)))
+    gradient = lambda *x: np.concatenate(kernel.vjp("energy", x, [1.0, 1.0]))  # noqa: E731
+    close(kernel.hessian("energy", energy, [1.0, 1.0]), np.hstack([slopes(gradient, energy, k) for k in (0, 1, 2)]))
+    for k, found in enumerate(kernel.forward_dynamics_jacobian(q, v, u, s.z)):
+        close(found, slopes(lambda *x: kernel.forward_dynamics(*x, s.z), (q, v, u), k, 1e-8), 1e-4)
+    for k, found in enumerate(kernel.residual_jacobian(q, v, a, z=s.z)):
+        close(found, slopes(lambda *x: kernel.inverse_dynamics(*x, z=s.z), (q, v, a), k, 1e-8), 1e-4)
+    value, rate = kernel.jet("inverse_dynamics", (q, v, a, u, (s.z, 2.0 * s.z)), 1)
+    close(value, kernel.inverse_dynamics(q, v, a, z=s.z), 1e-12)
+    close(rate, kernel.jvp("inverse_dynamics", (q, v, a, s.z), (v, a, u, 2.0 * s.z)), 1e-12)
     for call in (
         lambda: kernel.vjp("energy", args, [1.0, 1.0]),
         lambda: kernel.jvp("energy", args, args),
@@ -205,17 +186,19 @@ def test_what_depends_on_states_is_known(built: Build) -> None:
     changed, same = set[str](), set[str]()
     for name in ROBOTS:
         kernel = built(ROBOTS[name]())
-        s, n = State(kernel), len(kernel.coordinates)
-        shift = np.r_[np.zeros(n), 1e-3 * np.ones(len(kernel.internal_states))]
+        s = State(kernel)
+        given = s.apart | {"z": s.z, "forces": np.zeros(len(kernel.inputs))}
         for function in kernel.raw.functions.values():
-            values = [s.whole.get(x) for x in function.reads]
+            values = [given.get(x) for x in function.reads]
             steps = any(part in function.name for part in ("rollout", "gradient", "sensitivity"))
             if steps or DERIVATIVE.search(function.name) or "v" not in function.reads or any(x is None for x in values):
                 continue
-            other = [x + shift if label == "v" else x for x, label in zip(values, function.reads, strict=True)]
-            one, two = (kernel.augmented.calls.run(function.name, None, x) for x in (values, other))
-            differs = (one != two)[..., : n if one.shape[-1:] == (kernel.augmented.n,) else None].any()
-            (changed if differs else same).add(function.name)
+            if "z" not in function.reads:
+                same.add(function.name)
+                continue
+            other = [x + 1e-3 if label == "z" else x for x, label in zip(values, function.reads, strict=True)]
+            one, two = (kernel.calls.run(function.name, None, x) for x in (values, other))
+            (changed if (one != two).any() else same).add(function.name)
     stateful = {name for name, signature in OWN_KERNELS.items() if signature.states}
     assert changed <= stateful
     assert not stateful & (same - changed - {"tree_reactions", "drive_jacobian"})
@@ -230,14 +213,15 @@ def test_float32(built: Build) -> None:
     s = State(kernel)
     narrow = kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=s.z)
     assert narrow.dtype == np.float32
-    assert equal(narrow, kernel.augmented.inverse_dynamics(*(s.whole[x] for x in "qva")), 1)
+    double = built(bristled_arm(), "inverse_dynamics")
+    close(narrow, double.inverse_dynamics(*(s.apart[x].astype(float) for x in "qva"), z=s.z.astype(float)), 1e-5)
     with pytest.raises(ArrayError, match="z: expected float32 of shape"):
         kernel.inverse_dynamics(*(s.apart[x] for x in "qva"), z=np.zeros(2) + 1e-3)
 
 
 @pytest.mark.parametrize("method", soaked(["implicit", "rosenbrock"], ["implicit"]))
 def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> None:
-    """With z apart they are those of whole arrays, to the bit, and those of differences."""
+    """Gradients are those of differences, and of sensitivities."""
     kernel = built(bristled_arm())
     s, n = State(kernel), 4
     q, v, u = (s.apart[x] for x in "qvu")
@@ -252,18 +236,10 @@ def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> N
             np.concatenate([0.0 * x[:-1], 2.0 * w * x[-1:]]) for w, x in zip(weights, (q, v, z), strict=True)
         )
 
-    def whole_loss(t: Any, q: Any, v: Any) -> Any:
-        value, by_q, by_v, by_z = loss(t, q[:, :n], v[:, :n], v[:, n:])
-        return value, np.hstack([by_q, 0.0 * by_z]), np.hstack([by_v, by_z])
-
     value, gradient = kernel.rollout_gradient(q, v, u, z=s.z, loss=loss, parameters=[name], **options)
-    wide = [s.whole[x] for x in "qvu"]
-    other, whole = kernel.augmented.rollout_gradient(*wide, loss=whole_loss, parameters=[name], **options)
-    assert value == other
-    assert gradient.keys() == whole.keys() | {"z"}
-    assert all((gradient[x] == whole[x][:n]).all() for x in "qvu")
-    assert (gradient["z"] == whole["v"][n:]).all()
-    assert gradient[name] == whole[name]
+    assert gradient.keys() == {*"qvuz", name}
+    ended = kernel.rollout(q, v, u, z=s.z, **options)
+    assert value == pytest.approx(loss(None, *ended, ended.z)[0], rel=1e-12)
     for k, h in ((0, 1e-9), (1, 1e-9)) if method == "implicit" else ():  # others choose their steps
         ends = []
         for sign in (1.0, -1.0):
@@ -273,12 +249,10 @@ def test_gradients_and_sensitivities_of_rollouts(method: str, built: Build) -> N
         assert gradient["z"][k] == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=2e-3, abs=1e-4)
     along = {"z": np.eye(2)[:1], "q": np.eye(n)[1:2]}
     states, rates = kernel.rollout_sensitivity(q, v, u, z=s.z, along=along, parameters=[name], **options)
-    directions = {"q": np.eye(6)[1:2], "v": np.r_[np.zeros(n), 1.0, 0.0][np.newaxis]}
-    ends_of, rates_of = kernel.augmented.rollout_sensitivity(*wide, along=directions, parameters=[name], **options)
-    for narrow, full in ((states, ends_of), (rates, rates_of)):
-        assert (narrow[0] == full[0][..., :n]).all()
-        assert (narrow[1] == full[1][..., :n]).all()
-        assert (narrow[2] == full[1][..., n:]).all()
+    by = loss(None, *states)[1:]
+    wanted = (gradient["z"][:1] + gradient["q"][1:2], [gradient[name]])
+    found = np.concatenate([sum(np.einsum("sn,sdn->d", x, y) for x, y in zip(by, rates, strict=True))])
+    np.testing.assert_allclose(found, np.concatenate(wanted), rtol=1e-9, atol=1e-12)
 
 
 def test_what_rollouts_refuse(built: Build) -> None:
@@ -294,7 +268,7 @@ def test_what_rollouts_refuse(built: Build) -> None:
     new = {"loss": lambda t, q, v, z: (0.0, q, v, z), "out": {}}
     refused(InputError, "out: results with z are new arrays", kernel.rollout_gradient, q, v, **new, **options)
     for error, said, along in (
-        (ArrayError, r"z: expected float64 of shape \(2,\)", {"z": np.eye(3)}),
+        (ArrayError, r"along: z has shape \(3, 3\); expected \(directions, 2\)", {"z": np.eye(3)}),
         (ArrayError, r"along: z has shape \(2,\)", {"z": [1.0, 0.0]}),
         (ArrayError, r"along: v has shape \(1, 4\); expected \(2, 4\)", {"z": np.eye(2), "v": np.ones((1, 4))}),
         (InputError, r"along: .* allowed: arrays by", [1.0]),
@@ -307,18 +281,18 @@ def test_what_rollouts_refuse(built: Build) -> None:
 def test_what_cannot_be_is_refused(built: Build) -> None:
     kernel = built(bristled_arm())
     s = State(kernel)
-    (q, v, a), wide = (s.apart[x] for x in "qva"), s.whole["v"]
+    (q, v, a), wide = (s.apart[x] for x in "qva"), np.zeros(6)
     calls: dict[str, Callable[[], Any]] = {
         r"inverse_dynamics: .* z is missing; allowed: z, \(\.\.\., 2\), of .*j1\.gamma\.friction\.z": lambda: (
             kernel.inverse_dynamics(q, v, a)
         ),
         r"forward_dynamics: .* z is missing": lambda: kernel.forward_dynamics(q, v, a),
         r"v: expected float64 of shape \(4,\).*, got shape \(6,\)": lambda: kernel.bias_force(q, wide),
-        r"q: expected float64 of shape \(4,\).*, got shape \(6,\)": lambda: kernel.energy(s.whole["q"], wide, z=s.z),
+        r"q: expected float64 of shape \(4,\).*, got shape \(6,\)": lambda: kernel.energy(wide, wide, z=s.z),
         r"q: expected float64 of shape \(4,\).*, got shape \(3,\)": lambda: kernel.mass_matrix(q[:3]),
         r"z: expected float64 of shape \(2,\)": lambda: kernel.energy(q, v, z=[0.0]),
         r"z: j2\.beta\.friction\.z is nan": lambda: kernel.energy(q, v, z=[0.0, np.nan]),
-        r"v: 3 states, but 2 in other arrays": lambda: kernel.energy(np.tile(q, (2, 1)), v, z=np.zeros((3, 2))),
+        r"z: 3 states, but 2 in other arrays": lambda: kernel.energy(np.tile(q, (2, 1)), v, z=np.zeros((3, 2))),
         r"v: expected .*, got list": lambda: kernel.bias_force(q, [1.0, [2.0]]),
         r"v: j1\.gamma is nan": lambda: kernel.bias_force(q, np.nan * v),
         r"out: expected float64 of shape \(4,\)": lambda: kernel.bias_force(q, v, out=np.zeros(6)),

@@ -82,8 +82,9 @@ def test_values_are_those_of_the_rollout(kind: str, method: str, built: Build) -
     case.given |= {name: x[0] for name, x in case.given.items() if name in ("u", "target") and x.ndim == 2}
     if METHODS[method] is CHOSEN:
         case.options.setdefault("rtol", 1e-8)
-    q, v = case.call("rollout")
-    assert case.gradient()[0] == pytest.approx(case.loss(np.zeros(len(q)), q, v)[0], rel=1e-5)
+    motion = case.call("rollout")
+    samples = *motion, *([motion.z] if "z" in case.given else [])
+    assert case.gradient()[0] == pytest.approx(case.loss(np.zeros(len(motion[0])), *samples)[0], rel=1e-5)
 
 
 @pytest.mark.parametrize("method", METHODS)

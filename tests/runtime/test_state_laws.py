@@ -228,32 +228,37 @@ def test_published_experiment(kernel: eomgen.Kernel) -> None:
 @pytest.mark.parametrize("v", [1e-4, -1e-3, 2e-3, 0.05])
 def test_implicit_step_is_the_dense_one(kernel: eomgen.Kernel, v: float) -> None:
     """(M + dt B + dt^2 K) a = u - h at q + dt v, without the row of the force where its slopes would fall."""
-    dt, state = 1e-3, (np.array([0.2, 0.0]), np.array([v, 3e-6]))
-    q, rate = state[0] + dt * state[1] * [1.0, 0.0], state[1]
-    kernel = kernel.augmented
-    K, B, M = kernel.residual_jacobian(q, rate, np.zeros(2))
+    dt, x, z = 1e-3, np.array([0.2]), np.array([3e-6])
+    q, rate, still = x + dt * v, np.array([v]), np.zeros(1)
+    K, B, M = kernel.calls.run("residual_jacobian", None, (q, rate, still), z=z, whole=True)
     share = dt * B[0, 0] - dt * dt * B[0, 1] * B[1, 0] / (M[1, 1] + dt * B[1, 1])
     if share < 0.0:
         B[0] = 0.0
-    a = np.linalg.solve(M + dt * B + dt * dt * K, -kernel.inverse_dynamics(q, rate, np.zeros(2)))
-    stepped = kernel.rollout(*state, dt=dt, steps=1, method="implicit")[1][-1]
-    assert stepped == pytest.approx(state[1] + dt * a, rel=1e-10, abs=1e-18)
+    flow = M[1, 1] * kernel.internal_state_derivatives(q, rate, z)
+    left = np.r_[kernel.inverse_dynamics(q, rate, still, z=z), -flow]
+    a = np.linalg.solve(M + dt * B + dt * dt * K, -left)
+    motion = kernel.rollout(x, rate, dt=dt, steps=1, method="implicit", z=z)
+    stepped = np.r_[motion[1][-1], motion.z[-1]]
+    assert stepped == pytest.approx(np.r_[rate, z] + dt * a, rel=1e-10, abs=1e-18)
 
 
 def test_arm_is_consistent(arm: eomgen.Kernel) -> None:
     """Motors, prescribed coordinates, matrices, springs: residual, slopes, mass matrix."""
     q, v, u, z = state_of(arm)
-    n, split, arm = q.size, arm, arm.augmented
-    free = np.array([name not in arm.prescribed for name in arm.calls.coordinates])
-    Q, V, U = np.r_[q, 0.0 * z], np.r_[v, z], np.r_[u, 0.0 * z]
-    a = arm.forward_dynamics(Q, V, U)
-    assert (a[:n] == split.forward_dynamics(q, v, u, z)).all()
-    assert (a[n:] == split.internal_state_derivatives(q, v, z, u)).all()
-    assert np.abs(arm.residual(Q, V, a, U)[free]).max() < 1e-9
-    by_q, by_v, _ = arm.forward_dynamics_jacobian(Q, V, U)
-    for j in range(Q.size):
-        step = 1e-7 * np.eye(Q.size)[j] * (1.0 if j < n else 1e-3)
-        rise = [(arm.forward_dynamics(Q, V + x * step, U)) for x in (-1.0, 1.0)]
+    n, size = q.size, q.size + z.size
+    free = np.array([name not in arm.prescribed for name in arm.coordinates])
+
+    def rates(v: Any, z: Any) -> Any:
+        return arm.calls.run("forward_dynamics", None, (q, v, u), z=z, whole=True)
+
+    a = rates(v, z)
+    assert (a[:n] == arm.forward_dynamics(q, v, u, z)).all()
+    assert (a[n:] == arm.internal_state_derivatives(q, v, z, u)).all()
+    assert np.abs(arm.residual(q, v, a[:n], u, z=z)[free]).max() < 1e-9
+    by_q, by_v, _ = arm.calls.run("forward_dynamics_jacobian", None, (q, v, u), z=z, whole=True)
+    for j in range(size):
+        step = 1e-7 * np.eye(size)[j] * (1.0 if j < n else 1e-3)
+        rise = [rates(v + x * step[:n], z + x * step[n:]) for x in (-1.0, 1.0)]
         assert (rise[1] - rise[0]) / (2.0 * step.sum()) == pytest.approx(
             by_v[:, j], rel=1e-4, abs=1e-4 * np.abs(by_v[:, j]).max()
         )
@@ -367,12 +372,14 @@ def test_dissipates_the_area_of_its_loop(built: Build, rate: float) -> None:
 @pytest.mark.parametrize("law", [HYSTERESIS, SHARP, MAXWELL])
 def test_laws_never_give_more_than_they_store(law: str, built: Build) -> None:
     """At random states, also beyond those that motions come to: force times velocity is at least what storage takes."""
-    kernel = built(slide(law), *KERNELS).augmented
+    kernel = built(slide(law), *KERNELS)
     rng, states = np.random.default_rng(1), len(kernel.internal_states)
-    q, v = rng.normal(size=(500, 1 + states)), rng.normal(size=(500, 1 + states))
-    q[:, 1:] = 0.0
-    passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
-    power = (passive * v).sum(axis=1)
+    q, moving = rng.normal(size=(500, 1 + states))[:, :1], rng.normal(size=(500, 1 + states))
+    v, z = moving[:, :1], moving[:, 1:]
+    still, at = (
+        kernel.calls.run("generalized_force", None, (q, x), z=y, whole=True) for x, y in ((0.0 * v, 0.0 * z), (v, z))
+    )
+    power = ((still - at) * moving).sum(axis=1)
     assert power.min() >= -1e-12
     assert power.max() > 1.0
 
@@ -392,9 +399,8 @@ def test_energies_balance(law: str, built: Build) -> None:
 
 def complex_stiffness(kernel: eomgen.Kernel, w: float) -> complex:
     """Return the force on the slide over its deviation at an angular frequency, without its inertia, by K, B and M."""
-    kernel = kernel.augmented
-    n = kernel.n
-    K, B, M = kernel.residual_jacobian(np.zeros(n), np.zeros(n), np.zeros(n))
+    z = np.zeros(len(kernel.internal_states))
+    K, B, M = kernel.calls.run("residual_jacobian", None, ([0.0], [0.0], [0.0]), z=z, whole=True)
     dynamic = K + 1j * w * B - w * w * M
     dynamic[1:, 1:] = 1j * w * B[1:, 1:] - w * w * M[1:, 1:]
     return complex(1.0 / np.linalg.inv(dynamic)[0, 0]) + w * w * M[0, 0]
@@ -598,10 +604,11 @@ def test_python_on_arrays_is_the_kernel(hysteretic: eomgen.Kernel) -> None:
     """Logarithms among its functions."""
     module: dict[str, Any] = {}
     exec(render_arrays(build_model(slide(HYSTERESIS)), ("forward_dynamics", "energy")), module)
-    functions, rng, whole = module["make"](np), np.random.default_rng(5), hysteretic.augmented
-    for q, v, u in rng.normal(size=(10, 3, 2)):
-        given = functions.forward_dynamics(q, v, u), functions.energy(q, v)
-        for found, expected in zip(given, (whole.forward_dynamics(q, v, u), whole.energy(q, v)), strict=True):
+    functions, rng = module["make"](np), np.random.default_rng(5)
+    for q, v, z, u in rng.normal(size=(10, 4, 1)):
+        given = functions.forward_dynamics(q, v, z, u), functions.energy(q, v, z)
+        rates = hysteretic.calls.run("forward_dynamics", None, (q, v, u), z=z, whole=True)
+        for found, expected in zip(given, (rates, hysteretic.energy(q, v, z=z)), strict=True):
             np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
@@ -621,7 +628,6 @@ def test_fixed_steps_know_what_states_stretch(built: Build) -> None:
         built(robot_from_toml(SEA), *names),
         built(slide(f"stiffness = 100.0, {HYSTERESIS}, {MAXWELL}"), *names),
     )
-    drive, block = drive.augmented, block.augmented
     inertias = 1e-4 * 50.0**2, 0.02 + 1.0 * 0.2**2
     assert fastest_rates(drive, np.zeros(drive.n))[0] == pytest.approx(np.sqrt(600.0 * sum(1.0 / x for x in inertias)))
     k = 100.0 + SHARE * K + (1.0 - SHARE) * K * A + sum(k for k, _ in BRANCHES)

@@ -38,14 +38,15 @@ def sample(seed: int) -> Robot:
 
 
 def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
-    """A random state and wrenches by the names of arrays."""
+    """A random state and wrenches by the names of arrays; internal states stand behind velocities in what is drawn."""
     if robot.modal_coordinates:
         rng = np.random.default_rng([seed, 9])
         s = State(*rng.uniform(-0.3, 0.3, (4, kernel.n)))
     else:
         s = (motor_state if kernel.motors else random_state)(robot, seed)
     wrench = np.random.default_rng(seed).uniform(-2.0, 2.0, (len(kernel.links), 6))
-    return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "wrench": wrench}
+    n = kernel.n
+    return {"q": s.q[:n], "v": s.v[:n], "z": s.v[n:], "a": s.a[:n], "u": s.u[:n], "wrench": wrench}
 
 
 def built_for(robot: Robot, built: Callable[..., eomgen.Kernel]) -> eomgen.Kernel:

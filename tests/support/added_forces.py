@@ -61,22 +61,25 @@ def check_same(kernel: eomgen.Kernel, other: eomgen.Kernel, states: Sequence[Sta
 
 def check_oracle(kernel: eomgen.Kernel, oracle: Any, s: State) -> None:
     """Compare forces, accelerations and energies with those of an oracle."""
-    expected = oracle.inverse_dynamics(s.q, s.v, s.a)
-    assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
-    assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
-    assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
+    n, z, still = kernel.n, {"z": s.z} if s.z.size else {}, 0.0 * s.z
+    q, v, a, u = (np.concatenate(x) for x in ((s.q, still), (s.v, s.z), (s.a, s.rates), (s.u, still)))
+    expected = oracle.inverse_dynamics(q, v, a)[:n]
+    assert close(kernel.inverse_dynamics(s.q, s.v, s.a, **z), expected)
+    assert close(kernel.residual(s.q, s.v, s.a, s.u, **z), expected - s.u)
+    assert close(kernel.generalized_force(s.q, s.v, **z), oracle.generalized_force(q, v)[:n])
     allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
-    assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
-    assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+    assert close(kernel.forward_dynamics(s.q, s.v, s.u, **z), oracle.forward_dynamics(q, v, u)[:n], allowed)
+    assert close(kernel.energy(s.q, s.v, **z), oracle.energy(q, v))
 
 
 def check_batches(kernel: eomgen.Kernel, states: Sequence[State], **counts: int) -> None:
     """Compare functions of several states at once with those of one at a time; they read as many of q, v and a."""
-    arrays = stacked(states, "qva")
+    arrays, z = stacked(states, "qva"), np.array([s.z for s in states])
     for name, count in counts.items():
-        call = method_of(kernel, name)
-        one = np.array([call(*state) for state in zip(*arrays[:count], strict=True)])
-        assert close(np.asarray(call(*arrays[:count])), one, 1e-12)
+        call, apart = method_of(kernel, name), kernel.internal_states and kernel.calls.takes_z(name)
+        rows = zip(zip(*arrays[:count], strict=True), z, strict=True)
+        one = np.array([call(*state, **({"z": x} if apart else {})) for state, x in rows])
+        assert close(np.asarray(call(*arrays[:count], **({"z": z} if apart else {}))), one, 1e-12)
 
 
 def check_single_precision(
@@ -109,11 +112,10 @@ def check_jacobians(robot: Robot, states: Sequence[State], built: Build) -> None
 
 
 def check_closed_form(robot: Robot, s: State, tolerance: float = 1e-11) -> None:
-    """Compare SymPy's residual and energies with those of the programs, of coordinates; internal states stand in v."""
-    model, n = build_model(robot), len(build_model(robot).coordinates)
-    function = closed_form(model).function("residual", "kinetic", "potential")
-    residual, *energies = function(*(x[:n] for x in (s.q, s.v, s.a, s.u)), z=s.v[n:])
-    assert close(answer(robot, "residual", s)[:n], residual, tolerance)
+    """Compare SymPy's residual and energies with those of the programs."""
+    function = closed_form(build_model(robot)).function("residual", "kinetic", "potential")
+    residual, *energies = function(s.q, s.v, s.a, s.u, z=s.z)
+    assert close(answer(robot, "residual", s), residual, tolerance)
     assert close(answer(robot, "energy", s), np.array(energies, float), tolerance)
 
 

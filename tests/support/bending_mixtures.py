@@ -104,7 +104,8 @@ def _with_loop(robot: Robot, seed: int) -> Robot:
         made = with_random_loops(robot, number, [kind])
         model = build_model(made)
         free = [i for i in range(len(model.coordinates)) if i not in model.prescribed]
-        J = answer(made, "constraint_jacobian", q=Mixture(made, frozenset()).state(seed).q).reshape(-1, model.size)
+        q = Mixture(made, frozenset()).state(seed).q
+        J = answer(made, "constraint_jacobian", q=q).reshape(-1, len(model.coordinates))
         if np.linalg.matrix_rank(J[:, free], 1e-3) == len(J) < len(free):
             return made
     return robot

@@ -170,12 +170,6 @@ def law_changes(kernel: eomgen.Kernel, count: int = 200) -> list[tuple[dict[str,
     return changes
 
 
-def wide(kernel: eomgen.Kernel, q: Any, v: Any, u: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Return q, v and u as arrays of the C have them: internal states stand behind the coordinates of v."""
-    nothing = np.zeros(len(kernel.internal_states))
-    return np.r_[q, nothing], np.r_[v, z], np.r_[u, nothing]
-
-
 STIFFNESS, DAMPING, VISCOUS, COULOMB, STATIC, STRIBECK = 1e5, float(np.sqrt(1e5)), 0.4, 1.0, 1.5, 1e-3  # published
 PULL = 2.0  # N/m of the spring that pulls a mass of 1 kg
 PUBLISHED = (

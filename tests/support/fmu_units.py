@@ -62,8 +62,8 @@ class Unit:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """The robot's kernel, with augmented arrays."""
-        return self._built(self.robot).augmented
+        """The robot's kernel."""
+        return self._built(self.robot)
 
     def host(self, **options: Any) -> Host:
         """Return an instance."""
@@ -75,34 +75,33 @@ Export = Callable[..., Unit]
 
 @dataclass(frozen=True)
 class Point:
-    """A state, drives and wrenches; n coordinates stand before internal states."""
+    """A state, drives and wrenches; z: internal states, None where there are none."""
 
     q: Array
     v: Array
     u: Array
     wrench: Array
-    n: int
+    z: Array | None = None
 
     @property
     def states(self) -> Array:
-        return np.concatenate([self.q[: self.n], self.v])
+        return np.concatenate([self.q, self.v, *([] if self.z is None else [self.z])])
 
     @property
     def all(self) -> Array:
-        return np.concatenate([self.states, self.u[: self.n], self.wrench.ravel()])
+        return np.concatenate([self.states, self.u, self.wrench.ravel()])
 
 
 def point_of(unit: Unit, seed: int, size: float = 1.0) -> Point:
     """Return a random point; of robots of ``WITH_STATES`` one whose internal states are as large as they get."""
     kernel, rng = unit.kernel, np.random.default_rng(seed + 9)
-    wrench, n = rng.uniform(-5.0, 5.0, (len(kernel.links), 6)), len(kernel.coordinates)
+    wrench = rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
     if unit.robot.name in [make().name for make in WITH_STATES.values()]:
         q, v, u, z = bent(kernel, seed)
-        more = np.zeros(z.size)
-        return Point(np.r_[q, more], np.r_[v, z], np.r_[u, more], wrench, n)
-    state = motor_state(unit.robot, seed)
-    drives = np.concatenate([state.u[:n], np.zeros(kernel.n - n)])
-    return Point(size * state.q, size * state.v, drives, wrench, n)
+        return Point(q, v, u, wrench, z)
+    state, n = motor_state(unit.robot, seed), kernel.n
+    z = size * state.v[n:] if kernel.internal_states else None
+    return Point(size * state.q[:n], size * state.v[:n], state.u[:n], wrench, z)
 
 
 def names_of(host: Host, *kinds: str) -> list[str]:
@@ -126,13 +125,16 @@ def outputs(host: Host) -> list[str]:
 
 def expected(kernel: Kernel, p: Point) -> Array:
     """Return the kernel's values of ``outputs``."""
-    a = kernel.forward_dynamics(p.q, p.v, p.u, wrench=p.wrench)
-    found = [p.v[: p.n], a]
+    a = kernel.forward_dynamics(p.q, p.v, p.u, p.z, wrench=p.wrench)
+    found = [p.v, a]
+    if p.z is not None:
+        found.append(kernel.internal_state_derivatives(p.q, p.v, p.z, p.u))
     for frame in kernel.frames:
         if frame != "base":
             pose = kernel.frame_pose(p.q, frame)
             found += [pose[:3, 3], pose[:3, :3].ravel()]
-    return np.concatenate([*found, kernel.reactions(p.q, p.v, a, wrench=p.wrench).ravel(), kernel.energy(p.q, p.v)])
+    reactions = kernel.reactions(p.q, p.v, a, wrench=p.wrench, z=p.z)
+    return np.concatenate([*found, reactions.ravel(), kernel.energy(p.q, p.v, z=p.z)])
 
 
 def close(found: Array, wanted: Array, tolerance: float) -> None:
@@ -200,9 +202,9 @@ def check_steps(unit: Unit, p: Point, step: float, duration: float, calls: int =
         for k in range(calls):
             host.step(k * duration / calls, duration / calls)
         if wrench.any():
-            wanted = direct(kernel, np.concatenate([p.q, p.v]), p.u, wrench, duration)
+            wanted = direct(kernel, p, duration)
         else:
-            wanted = np.concatenate([x[-1] for x in kernel.rollout(p.q, p.v, p.u, step, round(duration / step))])
+            wanted = rolled(kernel, p, dt=step, steps=round(duration / step))
         found = host.get(states(host))
         print(f"{kernel.name}: {np.abs(found - wanted).max():.1e} from {'DOP853' if wrench.any() else 'the rollout'}")
         close(found, wanted, tolerance)
@@ -211,14 +213,22 @@ def check_steps(unit: Unit, p: Point, step: float, duration: float, calls: int =
         host.unit.freeInstance()
 
 
-def direct(kernel: Kernel, x0: Array, u: Array, wrench: Array, duration: float) -> Array:
-    """Return the end of the motion by DOP853 with tight tolerances, from the kernel."""
+def rolled(kernel: Kernel, p: Point, **options: Any) -> Array:
+    """Return the states at the end of a rollout without wrenches."""
+    motion = kernel.rollout(p.q, p.v, p.u, z=p.z, **options)
+    return np.concatenate([x[-1] for x in (*motion, *([] if p.z is None else [motion.z]))])
+
+
+def direct(kernel: Kernel, p: Point, duration: float) -> Array:
+    """Return the states at the end of the motion by DOP853 with tight tolerances, from the kernel."""
     n = kernel.n
 
     def rates(_: float, x: Array) -> Array:
-        return np.concatenate([x[n:], kernel.forward_dynamics(x[:n], x[n:], u, wrench=wrench)])
+        q, v, z = x[:n], x[n : 2 * n], None if p.z is None else x[2 * n :]
+        found = [v, kernel.forward_dynamics(q, v, p.u, z, wrench=p.wrench)]
+        return np.concatenate([*found, *([] if z is None else [kernel.internal_state_derivatives(q, v, z, p.u)])])
 
-    return np.asarray(solve_ivp(rates, (0.0, duration), x0, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1])
+    return np.asarray(solve_ivp(rates, (0.0, duration), p.states, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1])
 
 
 def exchanged(unit: Unit, x0: Array, inputs: Array, duration: float, **options: Any) -> Array:

@@ -18,9 +18,9 @@ from tests.support.random_robots import Array, State
 
 
 def answer(robot: Robot, kernel: str, state: State | None = None, **given: Array) -> Array:
-    """Return a kernel's outputs, (outputs,), from its program; ``state`` gives q, v, a and u."""
+    """Return a kernel's outputs, (outputs,), from its program; ``state`` gives what it reads."""
     model = build_model(robot)
-    arrays = ({} if state is None else {x: getattr(state, x) for x in "qvau"}) | given
+    arrays = ({} if state is None else {x: getattr(state, x) for x in ("q", "v", "a", "u", "z", "forces")}) | given
     inputs = {name: list(map(float, array)) for name, array in arrays.items()}
     inputs["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
     found = evaluate(derive(model, kernel), inputs)
@@ -55,7 +55,7 @@ def dense_stage(matrices: tuple[Array, Array, Array], c: complex, r: Array, s: A
 
 def staged(model: Model, state: Mapping[str, Any], c: complex, r: Array, s: Array) -> Any:
     """The same by the programs of a stage."""
-    is_pair, n = isinstance(c, complex), model.size
+    is_pair, n, rates = isinstance(c, complex), len(model.coordinates), model.size
     first, second = (derive_pair_stage if is_pair else derive_stage)(Derivation(model)).values()
     names = (
         ("pair_times", "pair_rates", "pair_shifts", "pair_kept") if is_pair else ("times", "rates", "shifts", "kept")
@@ -63,6 +63,6 @@ def staged(model: Model, state: Mapping[str, Any], c: complex, r: Array, s: Arra
     times = [c.real, (c * c).real, c.imag, (c * c).imag] if is_pair else [c, c * c]
     inputs = {"kp": [0.0] * n, "kd": [0.0] * n, **state, "spans": [abs(c), abs(c) ** 2]}
     inputs |= {names[0]: times, names[1]: [*r.ravel()] if is_pair else [*r[0]]}
-    inputs[names[2]] = [*s.ravel()] if is_pair else [*s[0]]
+    inputs[names[2]] = [*s[:, :n].ravel()] if is_pair else [*s[0, :n]]
     found = run(second, inputs | {names[3]: run(first, inputs).tolist()})
-    return found[:n] + 1j * found[n:] if is_pair else found
+    return found[:rates] + 1j * found[rates:] if is_pair else found

@@ -6,7 +6,7 @@ Every robot is a plain ``eomgen.robot.Robot`` built from a NumPy generator, so a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -37,12 +37,21 @@ RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)
 
 @dataclass(frozen=True)
 class State:
-    """Positions (m, rad), velocities, accelerations and drives of all coordinates, each of shape (n,)."""
+    """Positions (m, rad), velocities, accelerations and drives of all coordinates, each of shape (n,).
+
+    Attributes:
+        z: internal states, (m,).
+        rates: of internal states, (m,), of sizes like theirs.
+        forces: beside drives with states, (drives,).
+    """
 
     q: Array
     v: Array
     a: Array
     u: Array
+    z: Array = field(default_factory=lambda: np.zeros(0))
+    rates: Array = field(default_factory=lambda: np.zeros(0))
+    forces: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -136,30 +145,19 @@ def seeds(first: int, quick: int, all_of_them: int) -> list[Any]:
 
 
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
-    """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2.
-
-    Behind the coordinates stand internal states, as in a kernel's arrays.
-    """
+    """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2."""
     rng = np.random.default_rng(seed)
     return with_internal_states(robot, state_of_coordinates(robot, rng), rng)
 
 
 def with_internal_states(robot: Robot, s: State, rng: np.random.Generator) -> State:
-    """The state with random ones of laws behind it, of their sizes; the arrays as they are without any."""
+    """The state with random ones of laws, of their sizes, and forces beside drives; as it is without any."""
     laws = [c.law() for joint in robot.joints for c in joint.all_coordinates.values()]
     sizes = np.array([state.size(law) for law in laws for _, state in states_of(law)])
     if not sizes.size:
         return s
-    behind = [np.zeros(sizes.size), *rng.uniform(-0.8, 0.8, (3, sizes.size)) * [sizes, sizes, np.ones(sizes.size)]]
-    behind[3][inner_states_of_drives(robot)] = 0.0  # nothing acts on what stores no energy
-    return State(*(np.concatenate(pair) for pair in zip((s.q, s.v, s.a, s.u), behind, strict=True)))
-
-
-def inner_states_of_drives(robot: Robot) -> list[int]:
-    """Places among internal states of those of drives, but for the first of each, where a force beside it stands."""
-    model = build_model(robot)
-    n = len(model.coordinates)
-    return [k - n for states in model.drives.values() for k in states[1:]]
+    z, rates, forces = rng.uniform(-0.8, 0.8, (3, sizes.size))
+    return replace(s, z=z * sizes, rates=rates * sizes, forces=forces[: len(build_model(robot).drives)])
 
 
 def state_of_coordinates(robot: Robot, rng: np.random.Generator) -> State:

@@ -57,14 +57,18 @@ LAWS = {  # with internal states
 
 
 class Loss:
-    """Weighted coordinates, squared or not, and weighted velocities, of all samples."""
+    """Weighted coordinates, squared or not, and weighted velocities and internal states, of all samples."""
 
-    def __init__(self, n: int, steps: int = STEPS, power: int = 2) -> None:
-        self.weights, self.power = np.random.default_rng(4).uniform(-1.0, 1.0, (2, steps + 1, n)), power
+    def __init__(self, n: int, steps: int = STEPS, power: int = 2, states: int = 0) -> None:
+        rng = np.random.default_rng(4)
+        self.weights, self.power = rng.uniform(-1.0, 1.0, (2, steps + 1, n)), power
+        self.of_states = rng.uniform(-1.0, 1.0, (steps + 1, states))
 
-    def __call__(self, t: Array, q: Array, v: Array) -> tuple[float, Array, Array]:
+    def __call__(self, t: Array, q: Array, v: Array, *z: Array) -> tuple[float, Array, Array, *tuple[Array, ...]]:
         of_q, of_v = (np.broadcast_to(x[: t.size], q.shape).astype(q.dtype) for x in self.weights)
-        return float((of_q * q**self.power + of_v * v).sum()), self.power * of_q * q ** (self.power - 1), of_v
+        of_z = [np.broadcast_to(self.of_states[: t.size], x.shape).astype(x.dtype) for x in z]
+        value = (of_q * q**self.power + of_v * v).sum() + sum((w * x).sum() for w, x in zip(of_z, z, strict=True))
+        return float(value), self.power * of_q * q ** (self.power - 1), of_v, *of_z
 
 
 class Case:
@@ -78,9 +82,12 @@ class Case:
     """
 
     def __init__(self, kernel: eomgen.Kernel, method: str, given: dict[str, Any], *, power: int = 2) -> None:
-        self.kernel, self.method, self.given, self.loss = kernel, method, given, Loss(kernel.n, power=power)
+        self.kernel, self.method, self.given = kernel, method, given
+        self.loss = Loss(kernel.n, power=power, states=len(kernel.internal_states))
         self.options: dict[str, Any] = {"method": method, **METHODS[method]}
-        self.inputs: tuple[str, ...] = ("u",) if kernel.constraints else ("q", "v", "u")
+        self.inputs: tuple[str, ...] = (
+            ("u",) if kernel.constraints else tuple(x for x in ("q", "v", "u", "z") if x in given)
+        )
         self.parameters = tuple(kernel.parameters)
 
     def call(self, name: str, **changed: Any) -> Any:
@@ -102,7 +109,7 @@ class Case:
         return {name: rng.uniform(-1.0, 1.0, (count, *self.given[name].shape)) for name in self.inputs}
 
     def sensitivity(self, **changed: Any) -> list[Array]:
-        """Return the samples of q and v and their derivatives, along ``along()`` and by parameters."""
+        """Return the samples of q, v and z if there are any, and their derivatives, by ``along()`` and parameters."""
         directions = {"parameters": self.parameters, "along": self.along()}
         return [x for pair in self.call("rollout_sensitivity", **{**directions, **changed}) for x in pair]
 
@@ -129,7 +136,7 @@ class Case:
         (value, found), rng = self.gradient(), np.random.default_rng(9)
         found |= found.pop("loads", {})
         assert set(found) >= {*self.inputs, *self.parameters}
-        for name in (name for name in found if name not in "qv" or name in self.inputs):
+        for name in (name for name in found if name not in "qvz" or name in self.inputs):
             x = self.numbers(name)
             size = {"kp": x > 0.0, "kd": x > 0.0}.get(name, np.maximum(np.abs(x), 1e-3))
             direction = rng.uniform(-1.0, 1.0, x.shape) * (1.0 if name in self.inputs else size)
@@ -139,18 +146,22 @@ class Case:
 
     def check_sensitivities(self, rel: float = 1e-11) -> None:
         """Assert that sensitivities are the gradient, of samples that are the rollout's."""
-        q, v, dq, dv = self.sensitivity()
-        weights = np.random.default_rng(4).uniform(-1.0, 1.0, (2, *q.shape))
-        weights *= self.loss.weights[:, : len(q)] != 0.0
-        _, by = self.gradient(loss=lambda t, q, v: (0.0, *weights))
+        found = self.sensitivity()
+        samples, slopes = found[: len(found) // 2], found[len(found) // 2 :]
+        rng = np.random.default_rng(4)
+        weights = [
+            *rng.uniform(-1.0, 1.0, (2, *samples[0].shape)),
+            *(rng.uniform(-1.0, 1.0, x.shape) for x in samples[2:]),
+        ]
+        _, by = self.gradient(loss=lambda *_: (0.0, *weights))
         wanted = [sum((by[name] * x[i]).sum() for name, x in self.along().items()) for i in range(2)]
         wanted += [by[name] for name in self.parameters]
-        found = np.einsum("sn,sdn->d", weights[0], dq) + np.einsum("sn,sdn->d", weights[1], dv)
+        found = sum(np.einsum("sn,sdn->d", *pair) for pair in zip(weights, slopes, strict=True))
         np.testing.assert_allclose(found, wanted, rtol=rel, atol=rel * np.abs(wanted).max())
         if "loads" not in self.given or "duration" in self.options:
             u, count = self.given["u"], self.options.get("steps", self.options.get("samples"))
             rolled = self.call("rollout", u=np.tile(u, (count, 1)) if u.ndim == 1 else u)
-            for one, other in zip((q, v), rolled, strict=True):
+            for one, other in zip(samples, (*rolled, *([rolled.z] if samples[2:] else [])), strict=True):
                 np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
 
 
@@ -303,14 +314,12 @@ def clipped(built: Build, name: str, method: str, **options: Any) -> Case:
 
 
 def slide(built: Build, law: str, method: str, **options: Any) -> Case:
-    """Return a slide with a law that has internal states, behind its velocity; their positions act on nothing."""
+    """Return a slide with a law that has internal states."""
     robot = robot_from_toml(on_rail(f"stiffness = 20.0, damping = 0.3, {LAWS[law]}", law, 1.5))
-    kernel = built(robot, **options).augmented
-    q, v, u = np.zeros((3, kernel.n))
-    q[0], v[0], u[0] = 0.03, 0.4, 0.9
-    v[1:] = 0.02 * np.arange(1, kernel.n)
-    case = Case(kernel, method, {"q": q, "v": v, "u": u}, power=1)
-    case.loss.weights[0, :, 1:] = 0.0
+    kernel = built(robot, **options)
+    q, v, u = (np.array([x]) for x in (0.03, 0.4, 0.9))
+    z = 0.02 * np.arange(1.0, 1.0 + len(kernel.internal_states))
+    case = Case(kernel, method, {"q": q, "v": v, "u": u, "z": z}, power=1)
     fixed: dict[str, Any] = {"dt": 2e-3, "steps": 60, "every": 60 // STEPS}
     chosen: dict[str, Any] = {"duration": 0.12, "samples": STEPS, "rtol": 1e-10, "atol": 1e-13}
     case.options |= fixed if METHODS[method] is FIXED else chosen

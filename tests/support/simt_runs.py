@@ -122,8 +122,8 @@ class Subject:
             label: np.array(self.states.get(label, x), module.REAL)
             for label, x in zip(meta["reads"], drawn, strict=True)
         }
-        if name in ROLLOUTS:
-            made["u"][:, len(self.model.coordinates) :] = 0.0  # of internal states, on which nothing acts in a motion
+        if name in ROLLOUTS and "forces" in made:
+            made["forces"][:] = 0.0  # as in rollouts of kernels
         return list(made.values())
 
     def answers(self, languages: Sequence[str] = ALL) -> Iterator[Answer]:
@@ -187,13 +187,13 @@ def _states(subject: Subject, near: Near | None) -> dict[str, Array]:
     for _ in range(simt.COUNT):
         q, *others = rng.uniform(-1.0, 1.0, (4, len(spans)))
         drawn.append(with_internal_states(subject.robot, State(q * spans, *(2.0 * x for x in others)), rng))
-    states = {label: np.stack([getattr(s, label) for s in drawn]).astype(kernel.dtype) for label in "qvau"}
+    labels = ("q", "v", "a", "u", "z", "forces")
+    states = {label: np.stack([getattr(s, label) for s in drawn]).astype(kernel.dtype) for label in labels}
     if model.constraints:
-        n = len(model.coordinates)
-        q, v = (states[label][:, :n] for label in "qv")
-        guess = (np.asarray(model.home)[:n] if near is None else near.q[:n]) + 0.1 * np.clip(q, -1.0, 1.0)
+        q, v = states["q"], states["v"]
+        guess = (np.asarray(model.home) if near is None else near.q) + 0.1 * np.clip(q, -1.0, 1.0)
         q[:] = kernel.assemble(guess.astype(kernel.dtype))
-        v[:] = kernel.project_velocity(q, v if near is None else (near.v[:n] + 0.1 * v).astype(kernel.dtype))
+        v[:] = kernel.project_velocity(q, v if near is None else (near.v + 0.1 * v).astype(kernel.dtype))
     return states
 
 
@@ -217,20 +217,17 @@ def expected(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Any, A
 
 
 def _rolled(kernel: Kernel, name: str, arrays: Sequence[Array]) -> tuple[Array, ...]:
-    """Return where the kernel's steps lead; internal states behind velocities."""
-    n = len(kernel.coordinates)
-    q, v, u = (x[:, :n] for x in arrays)
-    z = {"z": arrays[1][:, n:]} if kernel.internal_states else {}
-    made = kernel.rollout(q, v, u, dt=simt.STEP, steps=3, method=name.removesuffix("_rollout"), **z)
-    ends = [x[:, -1] for x in (*made, *([made.z] if z else []))]
-    return ends[0], np.concatenate(ends[1:], axis=1)
+    """Return where the kernel's steps lead: q, v and, where there are some, internal states."""
+    q, v, *z, u = arrays[: 4 if kernel.internal_states else 3]
+    given = {"z": z[0]} if z else {}
+    made = kernel.rollout(q, v, u, dt=simt.STEP, steps=3, method=name.removesuffix("_rollout"), **given)
+    return tuple(x[:, -1] for x in (*made, *([made.z] if z else [])))
 
 
 def difference(found: Any, wanted: Any, well: Array) -> float:
     """Return the largest difference of states that are well, by the largest number that is expected."""
     if isinstance(wanted, tuple):
-        pairs = [(x[:, : y.shape[1]], y) for x, y in zip(found, wanted, strict=True)]
-        return max(difference(x, y, well) for x, y in pairs)
+        return max(difference(x, y, well) for x, y in zip(found, wanted, strict=True))
     one, other = found[well].ravel(), wanted[well].ravel()
     if simt.same_bits(one, other):
         return 0.0

@@ -26,8 +26,8 @@ def modal_residual_jacobian(d: Derivation) -> Outputs:
     for k in d.model.states_of_drives:  # of their rates the inertias alone
         needed[k] = d.bound.armature[k] * d.a[k]
     rows = d.followers.gather(needed)
-    by_all = _slopes(d, [rows[i] for i in d.active], [*_active(d, d.q), *_active(d, d.v), *_active(d, d.a)])
-    n = len(d.active)
+    by_all = _slopes(d, [rows[i] for i in d.rates], [x[i] for x in (d.q, d.v, d.a) for i in d.rates])
+    n = len(d.rates)
     return vector([row[block * n + j] for block in range(3) for row in by_all for j in range(n)])
 
 

@@ -21,7 +21,7 @@ class _Whole:
 
     def __init__(self, model: Model, derive: Derive) -> None:
         self.model, self.derive, self.graph = model, derive, Graph()
-        self.n, self.m = model.size, len(model.constraints)
+        self.n, self.rates, self.m = len(model.coordinates), model.size, len(model.constraints)
 
     def array(self, name: str, size: int) -> list[Node]:
         """Read an input."""
@@ -39,7 +39,8 @@ class _Whole:
 
     def drives(self, *, loaded: bool) -> list[Value]:
         """Return results of constrained_drives, beside forces u or without any."""
-        return self.run("constrained_drives", **({} if loaded else {"u": [0.0] * self.n}))
+        none = {"u": [0.0] * self.n, "forces": [0.0] * len(self.model.drives)}
+        return self.run("constrained_drives", **({} if loaded else none))
 
     def reactions(self, *, loaded: bool) -> list[Value]:
         """Return forces and moments in joints, of the tree and of the cuts."""
@@ -65,18 +66,24 @@ class _Whole:
         return rows
 
     def slopes(self, accelerations: Sequence[Value]) -> list[Value]:
-        """Differentiate accelerations by q, v and u: three matrices, by rows."""
-        inputs = [x for name in "qvu" for x in self.array(name, self.n)]
-        rows = gradients(self.graph, accelerations, inputs)
-        return [x for place in range(0, len(inputs), self.n) for row in rows for x in row[place : place + self.n]]
+        """Differentiate rates by q, by v and z, and by u and forces at the drives' first states: matrices, by rows."""
+        none = [self.graph.constant(0.0)] * (self.rates - self.n)
+        q, v, u = (self.array(name, self.n) for name in "qvu")
+        z, forces = self.array("z", self.rates - self.n), list(none)
+        for place, states in enumerate(self.model.drives.values()):
+            forces[states[0] - self.n] = self.graph.input("forces", place)
+        columns = [[*q, *none], [*v, *z], [*u, *forces]]
+        rows = gradients(self.graph, accelerations, [x for block in columns for x in block])
+        starts = range(0, 3 * self.rates, self.rates)
+        return [x for start in starts for row in rows for x in row[start : start + self.rates]]
 
 
 CLOSED: Mapping[str, Callable[[_Whole], list[Value]]] = {  # where there are constraints
     "inverse_dynamics": lambda w: w.drives(loaded=False)[: w.n],
     "inverse_dynamics_under_load": lambda w: w.drives(loaded=True)[: w.n],
-    "forward_dynamics": lambda w: w.run("constrained_dynamics")[: w.n],
-    "forward_dynamics_jacobian": lambda w: w.slopes(w.run("constrained_dynamics")[: w.n]),
-    "constraint_forces": lambda w: w.run("constrained_dynamics")[w.n : w.n + w.m],
+    "forward_dynamics": lambda w: w.run("constrained_dynamics")[: w.rates],
+    "forward_dynamics_jacobian": lambda w: w.slopes(w.run("constrained_dynamics")[: w.rates]),
+    "constraint_forces": lambda w: w.run("constrained_dynamics")[w.rates : w.rates + w.m],
     "reactions": lambda w: w.reactions(loaded=False),
     "reactions_under_load": lambda w: w.reactions(loaded=True),
     "loop_reactions": lambda w: w.loop_reactions(loaded=False),

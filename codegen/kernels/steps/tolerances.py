@@ -12,7 +12,7 @@ from eomgen.names import joint_of
 from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
 from eomgen.robot.parameter_names import CUTS, JOINTS, element_places
-from eomgen.robot.sizes import deviation_sizes, with_states
+from eomgen.robot.sizes import deviation_sizes
 
 from ...forces.element import POLE
 from ...program.ir import evaluate, finish
@@ -22,11 +22,10 @@ from ..interface import knots
 
 
 def coordinate_sizes(model: Model) -> tuple[Array, Array]:
-    """Return sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
+    """Return sizes of coordinates, and of rates with internal states behind them, at home: see ``deviation_sizes``."""
     inertia, beside = _at_home(model)
-    n = len(model.coordinates)
-    q, v = deviation_sizes(_coordinate_stiffness(model) + beside[:n], inertia[:n])
-    return with_states(q, v, [x.state.size(x.numbers) for x in model.states])
+    q, v = deviation_sizes(_coordinate_stiffness(model) + beside, inertia)
+    return q, np.append(v, [x.state.size(x.numbers) for x in model.states])
 
 
 def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
@@ -66,7 +65,6 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     """Return the diagonals of M at home, and of what point-to-point springs and cut joints stiffen there."""
     d = Derivation(model)
     _refuse_poles(d)
-    n = model.size
     M = d.followers.symmetric(d.matrix()) if d.followers else d.matrix()
     stiff = [0.0] * d.model.size
     tables = _table_stiffnesses(model, tuple(model.followers))
@@ -78,7 +76,7 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     for follower, share in d.followers.shares.items():  # what couples coordinates beside is left out
         for i, ratio in share.items():
             stiff[i] = stiff[i] + stiff[follower] * (ratio * ratio)
-    values = [M[i, i] for i in d.active] + [stiff[i] for i in d.active]
+    n, values = len(d.active), [M[i, i] for i in d.active] + [stiff[i] for i in d.active]
     program = finish(d.graph, "sizes", vector(values))
     outputs = evaluate(program, _numbers_at_home(model))
     diagonals = np.array([float(outputs["out", i]) for i in range(2 * n)])
@@ -106,4 +104,4 @@ def _refuse_poles(d: Derivation) -> None:
 
 def _numbers_at_home(model: Model) -> dict[str, list[float]]:
     """Return inputs of programs: the coordinates at home, and the description's parameters."""
-    return {"q": [*model.home, *(0.0 for _ in model.internal_states)], PARAMETERS: list(model.parameters.values())}
+    return {"q": list(model.home), PARAMETERS: list(model.parameters.values())}

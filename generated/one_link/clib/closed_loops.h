@@ -3,7 +3,7 @@
 /* Move a state to the nearest assembled one, in the metric of the kinetic energy: steps of Newton's method until what loops
  * violate before a step is round-off.  Velocities follow in that last step: at a violating state redundant rows block what is
  * free.  A lane that fails stays where it is, and takes the numbers of another one from then on: no lane's bits depend on what
- * happens in another.  0, or what the projection said, or 1 + nv + r where constraint r stays violated; 2 nv + 3 m more per lane.
+ * happens in another.  0, or what the projection said, or 1 + nq + r where constraint r stays violated; 2 nq + 3 m more per lane.
  * failures, if it is not NULL, gets that of each lane, without what lanes add, where there is none yet.  work: 2 nq + 2 nv + m +
  * hoisted. */
 EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h, REAL *restrict q, REAL *restrict v, REAL *restrict work, int *restrict failures)
@@ -12,7 +12,7 @@ EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h
     const int nq = POSITIONS_OF(sizes);
     const int nv = RATES_OF(sizes);
     const int m = M_OF(sizes);
-    const int statuses = 2 * nv + 3 * m;
+    const int statuses = 2 * nq + 3 * m;
     REAL *const change = work;
     REAL *const violated = &change[nq + nv];
     REAL *const q_here = &violated[m];
@@ -71,7 +71,7 @@ EOM_LOCAL int F(assemble)(const F(robot) *restrict robot, const REAL *restrict h
     int first = 0;
     for (int l = (int)WIDTH - 1; l >= 0; --l) {
         for (int r = 0; (r < m) && (settled[l] == 0) && (failed[l] == 0); ++r) {
-            if (!(EOM_MATH(fabs)(LANE_OF(violated[r], l)) <= sizes->open_gap)) { failed[l] = 1 + nv + r; }
+            if (!(EOM_MATH(fabs)(LANE_OF(violated[r], l)) <= sizes->open_gap)) { failed[l] = 1 + nq + r; }
         }
         if (failed[l] != 0) { first = failed[l] + l * statuses; }
         if ((failures != NULL) && (failures[l] == 0)) { failures[l] = failed[l]; }

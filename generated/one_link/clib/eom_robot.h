@@ -14,7 +14,6 @@ typedef struct {
     int rotations;  /* joints of three rotations that change charts */
     int has_friction;         /* Coulomb friction: the error counts what the matrix of the end leaves */
     int has_redundant_rows;   /* states of stages are assembled, too */
-    int coordinates;          /* of these positions, where drives have states; what stands behind them acts on nothing */
     const int *beside;        /* NULL without such drives; nq, where in u forces on a coordinate stand: there is the input of its
                                  drive at its own place, and forces stand behind all coordinates */
     const int *is_prescribed; /* nq, or NULL */
@@ -27,7 +26,7 @@ typedef struct {
 } EOM(sizes);
 
 /* Equations of a robot, of one state in each argument, or of a state in every lane: number i of state l at x[i][l].  They return
- * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 nv + 3 m higher per lane, nv for a tree.
+ * 0, or 1 + the number of the pivot that vanishes; statuses of lane l are 2 nq + 3 m higher per lane, nq for a tree.
  * forward_dynamics writes nv accelerations, with closed loops 3 m numbers behind them; settling nq changes of q, nv of v and m
  * violations.  added, kp and kd are nu numbers.  stage_factors, stage_solution: M + time D + time^2 K of a stage, times = (time,
  * time^2), and the solution w, nv, by which accelerations differ from right, nv, of changes of positions shifts, nq; where forces

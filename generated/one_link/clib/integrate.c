@@ -51,7 +51,7 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
 {
     const int nq = POSITIONS_OF(robot->sizes);
     const int nv = RATES_OF(robot->sizes);
-    const size_t statuses = (size_t)(nv + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + nv) : 0));
+    const size_t statuses = (size_t)(nq + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + nq) : 0));
     const size_t rows = steps / every + 1U;
     EOM_SCALAR *const x = work.state;
     work.state += PADDED_TO_BLOCKS(nq + nv);

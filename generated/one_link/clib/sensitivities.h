@@ -80,7 +80,7 @@ EOM_INLINE void EOM(prescribe_end_adjoint)(const EOM(interval) *restrict interva
 /* What the failure of a step says of all steps. */
 EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_t step, int status)
 {
-    const int statuses = RATES_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + RATES_OF(sizes)) : 0);
+    const int statuses = POSITIONS_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + POSITIONS_OF(sizes)) : 0);
     (void)sizes;
     return (long long)step * statuses + status - 1;
 }

@@ -305,7 +305,7 @@ EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_
         for (int i = 0; i < nv; ++i) {
             const double part = ((i >= nq) || (eom_is_prescribed(sizes, i) == 0)) ? (double)moving[i] * v[i] : 0.0;
             power[0] += part;
-            if ((sizes->is_prescribed != NULL) && (i >= sizes->coordinates)) { power[1] += part; }
+            if ((sizes->is_prescribed != NULL) && (i >= nq)) { power[1] += part; }
         }
     }
 }

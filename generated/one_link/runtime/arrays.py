@@ -21,6 +21,7 @@ WEIGHTS, NUMBERED = "cotangent", ("dp", "multipliers")  # arguments whose elemen
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,
+    "rate_vector": 1,
     "momenta": 1,
     "matrix": 2,
     "tensor": 3,
@@ -31,6 +32,9 @@ BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "spring_rows": 1,
     "element_rows": 1,
 }
+WITH_STATES = {"rate_vector": 1, "derivatives": 2}  # of these axes those behind which internal states stand
+OF_STATES = re.compile(r"^d?z\d?$")  # arguments that are internal states, their rates or time derivatives
+BESIDE_DRIVES = re.compile(r"^d?forces\d?$")  # arguments that are forces beside drives with states
 
 DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
 DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
@@ -51,22 +55,24 @@ class Arrays:
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
         self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
-        own = raw.libraries.meta.get("inputs", {})
-        self._beside = [(coordinates.index(name), place) for name, (_, _, place) in own.items()]
-        self.has_drives = bool(own)
+        self._states: tuple[str, ...] = tuple(raw.libraries.meta.get("internal_states", ()))
+        self.drives: tuple[str, ...] = tuple(raw.libraries.meta.get("inputs", ()))
+        self.has_drives = bool(self.drives)
         self._followers = tuple(raw.libraries.meta.get("followers", ()))
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
-    def beside_drives(self, u: Array, forces: Array) -> Array:
-        """Return u, (..., n), with generalized forces, (..., n), that act in addition to drives; of augmented arrays.
+    def beside_drives(self, u: Array, forces: Array) -> tuple[Array, Array | None]:
+        """Return u, (..., n), with generalized forces, (..., n), that act in addition to drives.
 
-        Where a drive has states, u is its input, and a force beside it stands at the place of the first of these.
+        Where a drive has states, u is its input, and the force beside it stands in a second array, (..., drives), None
+        without such drives.
         """
-        moved = forces.copy() if self._beside else forces
-        for i, place in self._beside:
-            moved[..., place], moved[..., i] = forces[..., i], 0.0
-        total: Array = u + moved
-        return total
+        if not self.drives:
+            return u + forces, None
+        places = [self.coordinates.index(name) for name in self.drives]
+        beside, rest = forces[..., places], forces.copy()
+        rest[..., places] = 0.0
+        return u + rest, np.ascontiguousarray(beside)
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
         """Convert a value to a C-contiguous array of the kernel's dtype; return it and the axes in front of a state's.
@@ -111,7 +117,7 @@ class Arrays:
         if is_finite(array):
             return
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        name = self.coordinates[where[-1]] if self.is_by_coordinate(label) else ""
+        name = self.names(label)[where[-1]] if self.is_by_name(label) else ""
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
@@ -127,7 +133,7 @@ class Arrays:
         lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
         state = int(np.ravel_multi_index(lead, result.shape[: len(lead)])) if lead else 0
         named = len(inner) - coordinate_axes(function.writes)
-        names = [self.coordinates[i] for i in inner[named:]]
+        names = [(*self.coordinates, *self._states)[i] for i in inner[named:]]
         entry = [f"[{', '.join(map(str, inner[:named]))}]"] if named else []
         overflowed = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
         largest, most = "", -1.0
@@ -199,18 +205,28 @@ class Arrays:
         return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner})"
 
     @staticmethod
-    def is_by_coordinate(label: str) -> bool:
-        """Whether an argument has a number for each coordinate; not weights of results, and rates of parameters."""
+    def is_by_name(label: str) -> bool:
+        """Whether an argument has a number for each of some names; not weights of results, and rates of parameters."""
         return label not in (*WRENCHES, *NUMBERED) and not label.startswith(WEIGHTS)
+
+    def names(self, label: str) -> tuple[str, ...]:
+        """Name the numbers of such an argument: coordinates, internal states, or coordinates of drives with states."""
+        if OF_STATES.match(label):
+            return self._states
+        return self.drives if BESIDE_DRIVES.match(label) else (*self.coordinates, *self._states)
+
+    def axes_with_states(self, writes: str) -> int:
+        """Return how many of the last axes of a result have internal states behind the coordinates."""
+        return WITH_STATES.get(OF_ORDERS.sub("", writes), 0) if self._states else 0
 
     def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
         inner = where[-len(shape) :]
         if label in WRENCHES:
             text = f"{WRENCH_PARTS[inner[1]]} of link {self.links[inner[0]]}"
-        elif not self.is_by_coordinate(label):
+        elif not self.is_by_name(label):
             text = f"[{', '.join(map(str, inner))}]"
         else:
-            text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
+            text = self.names(label)[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
         return text + place_of(where[: -len(shape)])
 
 

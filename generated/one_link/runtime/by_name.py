@@ -140,16 +140,15 @@ def make_blocks(
     christoffel: Array,
     meta: Mapping[str, Sequence[str]],
     names: Sequence[str],
-    n: int,
 ) -> Blocks:
     """Return blocks of the whole arrays.
 
     Args:
         mass, christoffel: of coordinates.
-        meta: the metadata's entry "survivors", of n numbers: coordinates, and internal states behind them.
+        meta: the metadata's entry "survivors".
         names: of the coordinates.
     """
-    part = slice(len(names))
+    n = len(names)
     rows = np.stack([_bits(text, n) for text in meta["matrix"]])
     upper = np.stack([_bits(text, n * (n + 1) // 2) for text in meta["tensor"]])
     mask = np.zeros((n, n, n), dtype=np.bool_)
@@ -157,7 +156,7 @@ def make_blocks(
     mask[:, v, w] = upper
     mask |= np.swapaxes(mask, 1, 2)
     joints = list(dict.fromkeys(map(joint_of, names)))
-    blocks = BlockMap("M", mass, rows[part, part], names), BlockMap("C", christoffel, mask[part, part, part], names)
+    blocks = BlockMap("M", mass, rows, names), BlockMap("C", christoffel, mask, names)
     return Blocks(*blocks, joints)
 
 
@@ -178,9 +177,7 @@ class NamedViews(CompiledCode):
         """
         mass, christoffel = self.mass_matrix(q), self.christoffel(q)
         survivors = self.raw.libraries.about(name_of(self.christoffel))["survivors"]
-        part = slice(len(self.coordinates))  # without internal states
-        arrays = mass[..., part, part], christoffel[..., part, part, part]
-        return make_blocks(*arrays, survivors, self.coordinates, self.augmented.n)
+        return make_blocks(mass, christoffel, survivors, self.coordinates)
 
     @property
     def regressor_names(self) -> tuple[str, ...]:

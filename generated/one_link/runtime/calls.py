@@ -14,10 +14,8 @@ from ..errors import ArrayError, InputError, SingularError
 from ..names import listed, split_component
 from .arrays import (
     DERIVATIVE,
-    OF_ORDERS,
     Arrays,
     Lead,
-    coordinate_axes,
     is_finite,
     joint_lead,
     place_of,
@@ -50,9 +48,12 @@ class Calls:
     """Checked calls of a raw kernel's functions, by their names.
 
     Attributes:
-        n: length of arrays by coordinate; of robots with internal states that of augmented arrays (``SplitCalls``).
-        coordinates: names of these numbers.
+        n: number of coordinates.
+        coordinates: their names.
         internal_states: names of the internal states of force laws.
+        rates: number of what has a rate in motions: of coordinates, then of internal states.
+        inputs: number of inputs of motions: of coordinates, then of forces beside drives with states.
+        rate_names: names of what has a rate.
     """
 
     def __init__(
@@ -61,11 +62,8 @@ class Calls:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
         self.internal_states: tuple[str, ...] = tuple(raw.libraries.meta.get("internal_states", ()))
-
-    @property
-    def augmented(self) -> Calls:
-        """Calls with augmented arrays, as the C reads and writes them."""
-        return self
+        self.rate_names = (*self.coordinates, *self.internal_states)
+        self.rates, self.inputs = len(self.rate_names), self.n + len(raw.libraries.meta.get("inputs", ()))
 
     @property
     def threads(self) -> int:
@@ -96,20 +94,18 @@ class Calls:
         """Run a function, and add the contribution of wrenches to its result, as its ``wrench`` says."""
         if wrench is None:
             return self.run(name, out, values, z=z)
-        self.refuse_z(z)
         term = self.raw.functions[name].wrench
         assert term is not None
         added, sign, _ = term
         external = self.run(added, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[added].writes]
-        result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])
+        result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)], z=z)
         with np.errstate(over="ignore", invalid="ignore"):
             result += self.dtype.type(sign) * external
         if self.checks and not is_finite(result):
             labels = (*self.raw.functions[name].reads, "wrench")
-            arrays = [
-                self.array(x, value, self.raw.shapes[x])[0] for x, value in zip(labels, (*values, wrench), strict=True)
-            ]
+            given = (*self.arguments(name, values, z), wrench)
+            arrays = [self.array(x, value, self.raw.shapes[x])[0] for x, value in zip(labels, given, strict=True)]
             raise self._overflow(name, result, labels, arrays)
         return result
 
@@ -122,30 +118,38 @@ class Calls:
         lead: Lead = (),
         inner: int = 0,
         z: ArrayLike | None = None,
+        whole: bool = False,
     ) -> Array:
         """Check the arrays, call the C, and say what went wrong.
 
         Args:
             name: of the function, or the kernel's method.
-            values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
+            values: what it reads, for one state or many, with z and forces beside drives or without both; their leading
+                axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
             lead: leading axes that the result has at least.
             inner: how many of the last leading axes are not of states: errors name none of them.
-            z: internal states, (..., m), see ``SplitCalls``.
+            z: internal states, (..., m), where the result depends on them and they are not among the values.
+            whole: whether entries of internal states are left behind those of coordinates in the result.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
-            ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
+            ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one; or z
+                is missing.
+            InputError: z, and no force law has internal states.
             SingularError: the mass matrix cannot be inverted in a state.
         """
         name = name_of(name)
-        self.refuse_z(z)
         raw, take, checks = self.raw, self.arrays.taken, self.checks
         if name not in raw.functions:
             raise raw.missing(name)
         function = raw.functions[name]
+        if axes := 0 if whole else self.arrays.axes_with_states(function.writes):
+            result = self.run(name, None, values, extra, lead, inner, z, whole=True)
+            place: tuple[Any, ...] = (..., *(slice(self.n),) * axes)
+            return self.arrays.written(np.ascontiguousarray(result[place]), out)
         arrays: list[Array] = []
-        for label, value in zip(function.reads, values, strict=True):
+        for label, value in zip(function.reads, self.arguments(name, values, z), strict=True):
             array, leading = take(label, value, raw.shapes[label], checks)
             if leading != lead:
                 lead = joint_lead(label, leading, lead) if leading and lead else leading or lead
@@ -162,42 +166,50 @@ class Calls:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
                 self.arrays.refuse_not_finite(label, array, raw.shapes[label])
             state, reason = divmod(failed, raw.statuses)
-            q, place = arrays[function.reads.index("q")], ""
+            q, where = arrays[function.reads.index("q")], ""
             if lead:
                 q, indices = rows_of(q, (self.n,), lead), np.unravel_index(state, lead)
-                place = place_of([int(i) for i in indices[: len(indices) - inner]])
+                where = place_of([int(i) for i in indices[: len(indices) - inner]])
             if reason >= self.n:
                 rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
                 alone = [x[state] if x.ndim == 2 else x for x in rows]
                 arguments = dict(zip(function.reads, alone, strict=True))
-                raise loop_error(raw, name, reason - self.n, place, arguments, partial(self._asked, arguments))
-            raise self.singular(name, reason, place, q[state] if q.ndim == 2 else q)
+                raise loop_error(raw, name, reason - self.n, where, arguments, partial(self._asked, arguments))
+            raise self.singular(name, reason, where, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
         return result
 
+    def arguments(
+        self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None = None, forces: ArrayLike | None = None
+    ) -> Sequence[ArrayLike]:
+        """Return a function's arguments in the order of its C.
+
+        Args:
+            forces: generalized forces beside drives with states, (..., drives); zeros by default.
+
+        Raises:
+            ArrayError, InputError: as of ``run``.
+        """
+        reads = self.raw.functions[name].reads
+        self.refuse_z(z)
+        if not self.internal_states or len(values) == len(reads):
+            return values
+        if "z" in reads and z is None:
+            what = f"allowed: z, (..., {len(self.internal_states)}), of {listed(self.internal_states)}"
+            raise ArrayError(f"{name}: its result depends on internal states, and z is missing; {what}")
+        none = np.zeros(self.raw.shapes["forces"], self.dtype) if "forces" in reads and forces is None else forces
+        rest, more = iter(values), {"z": z, "forces": none}
+        return [value if (value := more.get(x)) is not None else next(rest) for x in reads]
+
     def refuse_z(self, z: ArrayLike | None) -> None:
-        """Raise InputError if there is z where no force law has internal states."""
-        if z is not None:
+        """Raise InputError if there are entries of z where no force law has internal states."""
+        if not (z is None or self.internal_states) and np.size(z):
             raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
 
     def takes_z(self, name: str) -> bool:
-        """Whether a function takes z: its result depends on internal states, which are an array of their own."""
-        return False
-
-    def join_arguments(self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None) -> list[ArrayLike]:
-        """Return augmented arrays of a function's arguments, in their order; InputError if z means nothing."""
-        self.refuse_z(z)
-        return list(values)
-
-    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
-        """Return an argument as an augmented array, where it is by coordinate; InputError if z means nothing."""
-        self.refuse_z(z)
-        return value
-
-    def split(self, result: Array, writes: str) -> Array:
-        """Return the entries of coordinates of an augmented result of that kind."""
-        return result
+        """Whether a function, or what it is a derivative of, takes z: its result depends on internal states."""
+        return DERIVATIVE.sub("", name) in self.raw.libraries.meta.get("stateful", ())
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
         """Return arguments as rows of states, and strides between states, in numbers: 0 where one stands for all."""
@@ -357,113 +369,9 @@ class Calls:
             M = self.run(diagnoses["mass"], None, (q,))
         elif (drives := diagnoses.get("forces")) is not None:
             zero = np.zeros(self.n, self.dtype)
-            M = self.run(drives, None, (q, zero, np.eye(self.n, dtype=self.dtype)))
-            M = M - self.run(drives, None, (q, zero, zero))
+            z = np.zeros(len(self.internal_states), self.dtype) if self.internal_states else None
+            M = self.run(drives, None, (q, zero, np.eye(self.n, dtype=self.dtype)), z=z)
+            M = M - self.run(drives, None, (q, zero, zero), z=z)
         else:
             return None
         return np.asarray(M[np.ix_(moving, moving)])
-
-
-class SplitCalls(Calls):
-    """Checked calls where force laws have m internal states: z, (..., m), is an array of its own.
-
-    In augmented arrays, those of the C, a state stands behind the n coordinates as a velocity: q has a number there
-    that acts on nothing, v the state, a its rate, u zero.  This class is the one place that converts.
-    """
-
-    def __init__(self, augmented: Calls) -> None:
-        """Split the arrays of calls with augmented ones."""
-        n, arrays = augmented.n - len(augmented.internal_states), augmented.arrays
-        split = Arrays(augmented.raw, augmented.coordinates[:n], arrays.links)
-        super().__init__(augmented.raw, augmented.parameters, split, augmented.prescribed)
-        self._augmented = augmented
-
-    @property
-    def augmented(self) -> Calls:
-        """Calls with augmented arrays, as the C reads and writes them."""
-        return self._augmented
-
-    def takes_z(self, name: str) -> bool:
-        """Whether a function takes z: its result depends on internal states."""
-        return DERIVATIVE.sub("", name) in self.raw.libraries.meta["stateful"]
-
-    def with_parameters(self, parameters: Parameters) -> Calls:
-        """Return the calls by other parameters of the same code, whose state has threads and checks."""
-        return SplitCalls(self._augmented.with_parameters(parameters))
-
-    def run(
-        self,
-        name: Method,
-        out: Array | None,
-        values: Sequence[ArrayLike],
-        extra: tuple[int, ...] = (),
-        lead: Lead = (),
-        inner: int = 0,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Call a function as ``Calls.run`` does, with z where its result depends on internal states."""
-        name = name_of(name)
-        joined = self.join_arguments(name, values, z)
-        result = self._augmented.run(name, None, joined, extra, lead, inner)
-        return self.arrays.written(self.split(result, self.raw.functions[name].writes), out)
-
-    def run_with_wrench(
-        self,
-        name: str,
-        out: Array | None,
-        values: Sequence[ArrayLike],
-        wrench: ArrayLike | None,
-        z: ArrayLike | None = None,
-    ) -> Array:
-        """Run a function, and add the contribution of wrenches to its result, as its ``wrench`` says."""
-        result = self._augmented.run_with_wrench(name, None, self.join_arguments(name, values, z), wrench)
-        return self.arrays.written(self.split(result, self.raw.functions[name].writes), out)
-
-    def join_arguments(self, name: str, values: Sequence[ArrayLike], z: ArrayLike | None) -> list[ArrayLike]:
-        """Return augmented arrays of a function's arguments, in their order.
-
-        Raises:
-            UnknownNameError: the kernel was built without this function.
-            ArrayError: an array of another shape, or no z where the result depends on it.
-        """
-        if name not in self.raw.functions:
-            raise self.raw.missing(name)
-        if z is None and self.takes_z(name):
-            what = f"allowed: z, (..., {len(self.internal_states)}), of {listed(self.internal_states)}"
-            raise ArrayError(f"{name}: its result depends on internal states, and z is missing; {what}")
-        pairs = zip(self.raw.functions[name].reads, values, strict=True)
-        return [self.join(x, value, z if x == "v" else None) for x, value in pairs]
-
-    def join(self, label: str, value: ArrayLike, z: ArrayLike | None = None) -> ArrayLike:
-        """Return an argument by coordinate with internal states behind, zeros by default; others as they are."""
-        if not self.arrays.is_by_coordinate(label):
-            return value
-        array, lead = self.array(label, value, (self.n,))
-        states = np.zeros(len(self.internal_states), self.dtype) if z is None else self.states(z)
-        both = joint_lead(label, lead, states.shape[:-1])
-        return np.concatenate([np.broadcast_to(x, (*both, x.shape[-1])) for x in (array, states)], axis=-1)
-
-    def split(self, result: Array, writes: str) -> Array:
-        """Return the entries of coordinates of an augmented result of that kind."""
-        if OF_ORDERS.sub("", writes) == "regressor":  # its columns are parameters
-            return np.ascontiguousarray(result[..., : self.n, :])
-        place: tuple[Any, ...] = (..., *(slice(self.n),) * coordinate_axes(writes))
-        return np.ascontiguousarray(result[place])
-
-    def states(self, z: ArrayLike) -> Array:
-        """Return internal states as an array, (..., m).
-
-        Raises:
-            ArrayError: another shape, or numbers that are not finite.
-        """
-        states, _ = self.arrays.taken("z", z, (len(self.internal_states),), False)
-        if self.checks and not np.isfinite(states).all():
-            where = np.argwhere(~np.isfinite(states))[0]
-            raise ArrayError(f"z: {self.internal_states[where[-1]]} is {states[tuple(where)]}; numbers must be finite")
-        return states
-
-    def moving_mass(self, q: Array) -> Array | None:
-        """Return the mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
-        M = self._augmented.moving_mass(np.asarray(self.join("q", q)))
-        moving = self.n - len(self.prescribed)
-        return None if M is None else M[:moving, :moving]

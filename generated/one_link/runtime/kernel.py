@@ -86,8 +86,8 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             u: drives, (n,); zeros by default.
         """
         drives = np.zeros(self.n, self.dtype) if u is None else u
-        joined = self.calls.join_arguments(name_of(self.forward_dynamics), (q, v, drives), z)
-        return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
+        whole = self.calls.run(self.forward_dynamics, None, (q, v, drives), z=z, whole=True)
+        return np.ascontiguousarray(whole[..., self.n :])
 
     def constraint_forces(
         self,

@@ -23,6 +23,8 @@ __all__ = [
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
+JOINED = "_joined"  # ends the names of functions that integrations call
+BY_OPTION = ("z", "forces")  # arrays that options of methods give
 DERIVED = (
     "tangent",
     "adjoint",
@@ -93,6 +95,11 @@ class RawFunction:
     _codes: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arrays that its method takes before options: without z and forces beside drives."""
+        return self.reads if self.kind in DERIVED else tuple(x for x in self.reads if x not in BY_OPTION)
+
+    @property
     def is_framed(self) -> bool:
         """True if the number of a frame comes before the result."""
         return self.kind == FRAMES
@@ -132,6 +139,11 @@ class RawFunction:
     def address(self, *, batch: bool = False) -> int:
         """Return the address of the code for one state, or for several."""
         return self.where(batch=batch).address(f"{self.name}{BATCH}" if batch else self.name)
+
+    def joined_address(self) -> int:
+        """Return the address of the code as integrations call it: z stands behind v, forces beside drives behind u."""
+        joined = "" if self.arguments == self.reads else JOINED
+        return self.where().address(f"{self.name}{joined}")
 
     def where(self, *, batch: bool = False) -> Library:
         """Return the library with the code for one state, or for several, which takes its ``Setup.pointer``."""
@@ -309,7 +321,7 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        n, m = len(meta["coordinates"]) + len(meta.get("internal_states", ())), len(meta.get("constraints", ()))
+        n, m = len(meta["coordinates"]), len(meta.get("constraints", ()))
         self.statuses: int = n + (3 * m + n if m else 0)
         turning = meta.get("turning", {"joints": {}, "room": 0})
         self.turning: dict[str, tuple[int, int]] = {

@@ -192,6 +192,8 @@ def render(function: DifferentiableFunction, kernel: Kernel, called: str, order:
         "work": total + room + function.rule.spare(function),
         "places_of_inputs": dict(zip(function.reads, np.cumsum([0, *sizes]).tolist(), strict=False)),
         "read_by_derivatives": function.rule.reads(function),
+        "copied": function.rule.copied(function),
+        "rates": math.prod(kernel.raw.shapes["rate_vector"]),
         "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
         "setup": [literal(x) for x in kernel.parameters.setup.computed(kernel.raw.functions[function.calls].library)],
         "second": _second_order(function, kernel, mask, masks) if order == 2 else None,

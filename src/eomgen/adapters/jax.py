@@ -28,8 +28,8 @@ from .jax_devices import SWITCH, device_function
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 
 Array = NDArray[Any]
-GIVEN = ("q", "v", "u", "kp", "kd", "target")  # names in gradients of rollouts
-ROLLED = ("q0", "v0", *GIVEN[2:])
+GIVEN = ("q", "v", "z", "u")  # arguments of rollouts by their names in gradients, z with internal states alone
+CONTROLLER = ("kp", "kd", "target")
 
 
 def function(kernel: Kernel | Device, name: str, frame: str | None = None, *, cut: bool = False) -> Callable[..., Any]:
@@ -50,10 +50,11 @@ def function(kernel: Kernel | Device, name: str, frame: str | None = None, *, cu
         cut: of a kernel of a robot with loops, that its loops are meant to be open.
 
     Returns:
-        A function of the arrays FUNCTIONS[name].reads, (n,) each (wrench: (links, 6)), with the kernel's dtype; it
-        raises ArrayError for other shapes and dtypes, InputError where float64 is switched off, and where a third
-        derivative is asked for (those of frames are of any order, where no coordinate follows others and no link
-        bends), UnknownNameError where a second one is that the kernel was built without.
+        A function of the arrays FUNCTIONS[name].reads, (n,) each (wrench: (links, 6)), with z, (m,), behind v where the
+        result depends on internal states, with the kernel's dtype.  It raises ArrayError for other shapes and dtypes,
+        InputError where float64 is switched off, and where a third derivative is asked for (those of frames are of any
+        order, where no coordinate follows others and no link bends), UnknownNameError where a second one is that the
+        kernel was built without.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
@@ -268,8 +269,9 @@ def rollout(
 
     Returns:
         A function of q0, v0, u and, with a controller, kp, kd and target: (n,) each, u and target (steps, n) or
-        (samples, n), too.  It gives q and v at the samples, (samples, n) each.  It raises ArrayError for other shapes
-        and dtypes, InputError where float64 is switched off.
+        (samples, n), too; of robots with internal states z0, (m,), stands behind v0.  It gives q and v at the samples,
+        (samples, n) each, and then z, (samples, m).  It raises ArrayError for other shapes and dtypes, InputError where
+        float64 is switched off.
 
     Raises:
         InputError: JAX is not installed; the method is unknown, or an option does not belong to it.
@@ -277,24 +279,26 @@ def rollout(
     with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    private = kernel.augmented.replaced()
+    private, m = kernel.replaced(), len(kernel.internal_states)
     how = vars(StepOptions(method, dt, steps, every, duration, samples, rtol))
     rows = (samples or 1) if steps is None else steps
-    told = jax.ShapeDtypeStruct((rows // every + 1, private.n), private.dtype)
+    labels = [x for x in GIVEN if x != "z" or m]
+    sizes = [private.n, private.n, *([m] if m else [])]
+    told = tuple(jax.ShapeDtypeStruct((rows // every + 1, size), private.dtype) for size in sizes)
 
-    def there(q0: Array, v0: Array, u: Array, *controller: Array) -> tuple[Array, Array]:
-        q, v = private.rollout(q0, v0, u, **how, **_named(controller))
-        return q, v
+    def there(*arrays: Array) -> tuple[Array, ...]:
+        motion = private.rollout(**_arguments(labels, arrays), **how)
+        return (*motion, motion.z) if m else tuple(motion)
 
-    def back(q0: Array, v0: Array, u: Array, *others: Array) -> tuple[Array, ...]:
-        *controller, by_q, by_v = others
-        known: dict[str, Any] = {**how, **_named(controller), "loss": lambda t, q, v: (0.0, by_q, by_v)}
-        _, gradients = private.rollout_gradient(q0, v0, u, **known)
-        return tuple(gradients[name] for name in GIVEN[: 3 + len(controller)])
+    def back(*arrays: Array) -> tuple[Array, ...]:
+        given, by = arrays[: -len(told)], arrays[-len(told) :]
+        known = {**_arguments(labels, given), **how, "loss": lambda t, *x: (0.0, *by)}
+        _, gradients = private.rollout_gradient(**known)
+        return tuple(gradients[name] for name in (*labels, *CONTROLLER)[: len(given)])
 
     @jax.custom_vjp  # type: ignore[untyped-decorator,unused-ignore]
     def states(*arrays: Any) -> Any:
-        return _batched(jax, there, [x.shape for x in arrays], (told, told))(*arrays)
+        return _batched(jax, there, [x.shape for x in arrays], told, single=len(arrays) > len(labels))(*arrays)
 
     def keep(*arrays: Any) -> Any:
         return states(*arrays), arrays
@@ -302,32 +306,43 @@ def rollout(
     def pull(arrays: Any, by: Any) -> Any:
         shapes = [x.shape for x in arrays]
         results = tuple(jax.ShapeDtypeStruct(shape, private.dtype) for shape in shapes)
-        return _batched(jax, back, [*shapes, told.shape, told.shape], results)(*arrays, *by)
+        every_shape = [*shapes, *(x.shape for x in told)]
+        return _batched(jax, back, every_shape, results, single=len(arrays) > len(labels))(*arrays, *by)
 
     states.defvjp(keep, pull)
 
     def checked(*arrays: Any) -> Any:
-        if len(arrays) not in (3, len(GIVEN)):
-            raise InputError(f"rollout: got {len(arrays)} arrays; allowed: q0, v0, u, or q0, v0, u, kp, kd, target")
+        wanted = [f"{x}0" if x != "u" else x for x in labels]
+        if len(arrays) not in (len(wanted), len(wanted) + len(CONTROLLER)):
+            few, more = ", ".join(wanted), ", ".join((*wanted, *CONTROLLER))
+            raise InputError(f"rollout: got {len(arrays)} arrays; allowed: {few}, or {more}")
         _refuse_single(jax, "rollout", private)
-        over_time = [(private.n,), (rows, private.n)]
+        over_time: list[tuple[int, ...]] = [(private.n,), (rows, private.n)]
+        shapes: dict[str, list[tuple[int, ...]]] = {"z0": [(m,)], "u": over_time, "target": over_time}
         return states(
             *(
-                _array(jnp, label, over_time if label in ("u", "target") else [(private.n,)], private.dtype, value)
-                for label, value in zip(ROLLED, arrays, strict=False)
+                _array(jnp, label, shapes.get(label, [(private.n,)]), private.dtype, value)
+                for label, value in zip((*wanted, *CONTROLLER), arrays, strict=False)
             )
         )
 
     return checked
 
 
-def _named(controller: Sequence[Array]) -> dict[str, Any]:
-    return dict(zip(GIVEN[3:], controller, strict=False))
+def _arguments(labels: Sequence[str], arrays: Sequence[Array]) -> dict[str, Any]:
+    """Return arguments of a kernel's rollout by their names."""
+    renamed = {"q": "q0", "v": "v0"}
+    return {renamed.get(x, x): array for x, array in zip((*labels, *CONTROLLER), arrays, strict=False)}
 
 
-def _batched(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any) -> Callable[..., Any]:
-    """Call a rollout on the host, of all states at once where no controller is: its gains are for all."""
-    single = len(shapes) >= len(GIVEN)
+def _batched(
+    jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any, *, single: bool
+) -> Callable[..., Any]:
+    """Call a rollout on the host, of all states at once where no controller is, whose gains are for all.
+
+    Args:
+        single: call it for one state after the other.
+    """
 
     def host(*arrays: Any) -> Any:
         inputs = [np.asarray(array) for array in arrays]

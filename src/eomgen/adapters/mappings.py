@@ -16,7 +16,7 @@ from ..codegen.kernels.groups import DIFFERENTIABLE
 from ..codegen.kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS
 from ..errors import InputError, UnknownNameError
 from ..names import show
-from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN
+from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
 from ..runtime.kernel import Kernel
 from ..runtime.methods.bound import frame_number
 from . import rules
@@ -35,7 +35,7 @@ class Entry:
     reads: arrays that it reads.
     result: name of its result.
     rule: how its Jacobian follows from kernels.
-    block: shape of the result and where it begins, in lengths of a vector, where it is a block.
+    block: shape of the result, where it is a block, and 1 if that stands behind all rates, else 0.
     flat: pairs of arguments: derivatives by one do not change with the other.
     """
 
@@ -135,6 +135,9 @@ def _entry(name: str, closed: bool, cut: bool) -> Entry:
 class DifferentiableFunction:
     """A kernel's function with its derivatives, on NumPy arrays; the parameters are those that the kernel has now.
 
+    Where the result depends on internal states, z is read behind v; forward dynamics give accelerations, then
+    derivatives of z.  There are no forces beside drives with states.
+
     Attributes:
         kernel: with separate parameters.
         name: one of FUNCTIONS.
@@ -163,19 +166,20 @@ class DifferentiableFunction:
         if (name in FRAMED) != (frame is not None):
             wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMED else "none"
             raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
-        self.kernel, self.name, self.frame, self.rule = kernel.augmented.replaced(), name, frame, entry.rule
+        self.kernel, self.name, self.frame, self.rule = kernel.replaced(), name, frame, entry.rule
         self.kernels, self.second, self._entry = entry.kernels, entry.second, entry
         self._require(self.kernels)
         self._extra = () if frame is None else (frame_number(kernel.frames, frame),)
-        self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls
+        self.result, self.calls = entry.result, entry.calls
         shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
-        self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
-        self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)
-        block, begin = entry.block or (called.writes, 0)
+        self.reads: tuple[str, ...] = tuple(label for label in called.reads if label in (*entry.reads, "z"))
+        self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in self.reads)
+        self.idle: tuple[str, ...] = called.reads[len(self.reads) :]
+        block, is_behind = entry.block or (called.writes, 0)
         self.output: tuple[int, ...] = shapes[block]
         self.whole: tuple[int, ...] = shapes[FRAMED.get(name, called.writes)]
         self.moving = math.prod(self.output if frame is None else self.whole[1:])
-        self.begins = kernel.n * begin + sum(self._extra) * self.moving
+        self.begins = is_behind * math.prod(shapes["rate_vector"]) + sum(self._extra) * self.moving
 
     def _require(self, kernels: Sequence[str]) -> None:
         missing = [needed for needed in kernels if needed not in self.kernel.operations]
@@ -194,7 +198,8 @@ class DifferentiableFunction:
 
     def value(self, *arrays: Array) -> Array:
         """Return the kernel's result, for one state or a batch."""
-        return self._part(self.kernel.calls.run(self.calls, None, (*arrays, *self._nothing()), self._extra))
+        written = self._run(self.calls, *arrays, *self._nothing(), extra=self._extra)
+        return written if self._entry.block is None else self._part(written)
 
     def derivatives(self, *arrays: Array) -> tuple[Array, ...]:
         """Return exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""
@@ -215,18 +220,18 @@ class DifferentiableFunction:
 
     def tangent(self, arrays: Sequence[Array], rates: Sequence[Array]) -> Array:
         """Give what the result changes by along rates of the arguments."""
-        return self._part(self.kernel.jvp(self.calls, self._arguments(arrays), (*rates, *self._nothing())))
+        zeros = self._nothing()
+        return self._part(self._run(f"{self.calls}_{TANGENT}", *arrays, *zeros, *rates, *zeros))
 
     def gradient(self, arrays: Sequence[Array], weights: Array) -> tuple[Array, ...]:
         """Return derivatives of the weighted result by every argument."""
-        gradients = self.kernel.vjp(self.calls, self._arguments(arrays), self._weights(weights))
-        return gradients[: len(self.reads)]
+        gradients = self._run(f"{self.calls}_{ADJOINT}", *arrays, *self._nothing(), self._weights(weights))
+        return rules.split(self, gradients[..., : self._total])
 
     def hessian(self, arrays: Sequence[Array], weights: Array) -> Array:
         """Return the second derivatives of the weighted result by the numbers of all arguments one behind the other."""
-        hessian = self.kernel.hessian(self.calls, self._arguments(arrays), self._weights(weights))
-        total = sum(math.prod(shape) for shape in self.inputs)
-        return hessian[..., :total, :total]
+        hessian = self._run(f"{self.calls}_{HESSIAN}", *arrays, *self._nothing(), self._weights(weights))
+        return hessian[..., : self._total, : self._total]
 
     def patterns(self) -> tuple[Array, tuple[Array, ...]]:
         """Return the sparsity of the result and its derivatives, True where not always zero; shapes of one state."""
@@ -242,23 +247,29 @@ class DifferentiableFunction:
         moving = [self.patterns()[1][place].any(axis=axes) for place in (at, by)]
         return np.logical_and.outer(*moving)
 
-    def _arguments(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
-        return (*arrays, *self._nothing(), *([] if self.frame is None else [self.frame]))
+    @property
+    def _total(self) -> int:
+        """How many numbers all arguments have."""
+        return sum(math.prod(shape) for shape in self.inputs)
+
+    def _run(self, name: str, *arrays: Array, extra: tuple[int, ...] = ()) -> Array:
+        """Call a function of the kernel with the arrays of its C."""
+        return self.kernel.calls.run(name, None, arrays, extra, whole=True)
 
     def _nothing(self) -> list[Array]:
         """Return arrays of 0 that the kernel's function reads behind its arguments."""
         return [np.zeros(self.kernel.raw.shapes[label], self.kernel.dtype) for label in self.idle]
 
     def _part(self, written: Array) -> Array:
-        """Return the block of the kernel's output that is the result."""
-        if self._entry.block is None:
-            return written
-        return np.ascontiguousarray(written[..., self.begins : self.begins + self.output[0]])
+        """Return the result, or how it moves, of what the kernel's derivatives are of; zeros where it never moves."""
+        lead = written.shape[: written.ndim - len(self.whole)]
+        part = written.reshape(*lead, -1)[..., self.begins : self.begins + self.moving]
+        rest = np.zeros((*lead, math.prod(self.output) - self.moving), self.kernel.dtype)
+        return np.concatenate([part, rest], axis=-1).reshape(*lead, *self.output)
 
     def _weights(self, weights: Array) -> Array:
         """Return weights of the kernel's whole output from those of the result."""
-        if self._entry.block is None:
-            return weights
-        all_of_it = np.zeros((*weights.shape[:-1], *self.whole), self.kernel.dtype)
-        all_of_it[..., self.begins : self.begins + self.output[0]] = weights
-        return all_of_it
+        lead = weights.shape[: weights.ndim - len(self.output)]
+        whole = np.zeros((*lead, math.prod(self.whole)), self.kernel.dtype)
+        whole[..., self.begins : self.begins + self.moving] = weights.reshape(*lead, -1)[..., : self.moving]
+        return whole.reshape(*lead, *self.whole)

@@ -58,6 +58,10 @@ class Rule:
         """Return arguments that the C reads."""
         return f.reads
 
+    def copied(self, f: Subject) -> dict[str, int]:
+        """Return where derivatives by each argument begin in what a kernel writes, which has more than these."""
+        return {}
+
     def spare(self, f: Subject) -> int:
         """Return numbers that the C keeps beside the derivatives."""
         return 0
@@ -72,9 +76,30 @@ class ByKernel(Rule):
         self.kernel = kernel
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
-        jacobians = f.kernel.calls.run(self.kernel, None, arrays)
-        count = len(arrays)
-        return (jacobians,) if count == 1 else tuple(jacobians[..., i, :, :] for i in range(count))
+        given, shapes = dict(zip(f.reads, arrays, strict=True)), f.kernel.raw.shapes
+        read = [given[x] if x in given else np.zeros(shapes[x], f.kernel.dtype) for x in self.reads(f)]
+        jacobians = f.kernel.calls.run(self.kernel, None, read, whole=True)
+        if len(arrays) == 1:
+            return (jacobians,)
+        ends = {x: begin + math.prod(shapes[x]) for x, (_, begin) in self.blocks(f).items()}
+        return tuple(jacobians[..., i, : f.output[0], begin : ends[x]] for x, (i, begin) in self.blocks(f).items())
+
+    def reads(self, f: Subject) -> tuple[str, ...]:
+        return f.kernel.raw.functions[self.kernel].reads
+
+    def blocks(self, f: Subject) -> dict[str, tuple[int, int]]:
+        """Return, by argument, which of the kernel's matrices has the derivatives, and the first of their columns."""
+        places = {"q": (0, 0), "v": (1, 0), "z": (1, f.kernel.n)}
+        return {x: places.get(x, (2, 0)) for x in f.reads if x in self.reads(f)}
+
+    def copied(self, f: Subject) -> dict[str, int]:
+        if not self.spare(f):
+            return {}
+        _, rows, columns = f.kernel.raw.shapes["derivatives"]
+        return {x: i * rows * columns + begin for x, (i, begin) in self.blocks(f).items()}
+
+    def spare(self, f: Subject) -> int:
+        return math.prod(f.kernel.raw.shapes["derivatives"]) if "z" in f.reads else 0
 
 
 class ResidualRule(ByKernel):
@@ -83,15 +108,12 @@ class ResidualRule(ByKernel):
     template = "with_drives"
 
     def derivatives(self, f: Subject, *arrays: Array) -> tuple[Array, ...]:
-        blocks = super().derivatives(f, *arrays[:-1])
+        blocks = super().derivatives(f, *arrays)
         return (*blocks, np.broadcast_to(-np.eye(f.kernel.n, dtype=f.kernel.dtype), blocks[0].shape))
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         whole, blocks = super().patterns(f)
         return whole, [*blocks[:-1], np.eye(f.kernel.n, dtype=np.bool_)]
-
-    def reads(self, f: Subject) -> tuple[str, ...]:
-        return f.reads[:-1]
 
 
 class MatrixRule(Rule):
@@ -107,11 +129,9 @@ class MatrixRule(Rule):
         return (symbols + np.swapaxes(symbols, -3, -2),)
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
-        n = f.kernel.n
-        blocks, part = f.kernel.blocks(np.zeros(n, f.kernel.dtype)), slice(len(f.kernel.coordinates))
-        mass, symbols = np.eye(n, dtype=np.bool_), np.zeros((n, n, n), np.bool_)  # internal states stand by themselves
-        mass[part, part], symbols[part, part, part] = blocks.mass.mask, blocks.christoffel.mask
-        return mass, [symbols | np.swapaxes(symbols, 0, 1)]
+        blocks = f.kernel.blocks(np.zeros(f.kernel.n, f.kernel.dtype))
+        symbols = blocks.christoffel.mask
+        return blocks.mass.mask, [symbols | np.swapaxes(symbols, 0, 1)]
 
     def spare(self, f: Subject) -> int:
         return f.kernel.n**3
@@ -136,12 +156,12 @@ class TangentRule(Rule):
 
 
 class EnergyRule(TangentRule):
-    """Directional derivatives; of the rates, potential energy has those of internal states alone, kinetic no such."""
+    """Directional derivatives; kinetic energy has none by internal states, potential energy none by velocities."""
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         whole, blocks = super().patterns(f)
-        n = len(f.kernel.coordinates)
-        blocks[1][0, n:] = blocks[1][1, :n] = False
+        for label, block in zip(f.reads, blocks, strict=True):
+            block[{"v": 1, "z": 0}.get(label, slice(0)), :] = False
         return whole, blocks
 
 

@@ -17,7 +17,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.singular import inertias
 from ..shown import Shown
 from ..state.drives import drives_at_rest
-from ..state.internal_states import at_rest_with, refuse_moving
+from ..state.internal_states import at_rest_with, forces_needed, refuse_moving
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, MotionState, Tangent, load_force, moving_basis, reduced, tangent
 
@@ -36,7 +36,7 @@ class RestState(Shown):
     """A static equilibrium.
 
     Attributes:
-        q: coordinates, (n,), n the kernel's: with room for internal states behind them.
+        q: coordinates, (n,).
         u: forces that hold it, (n,), N or N m: of drives, and of what is held.
         multipliers: of the loops' constraint, (constraints,).
         tangent: derivatives there, gains of drives not among them.
@@ -76,12 +76,10 @@ def rest(
     target, springs = q.copy(), fixation.kp if sagging else zero
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
     q = closed(kernel, q, still)
-    inertia = inertias(kernel.residual_jacobian(q, zero, zero)[2])
+    inertia = inertias(kernel.residual_jacobian(q, zero, zero, z=fixation.z)[2])
     tau, before = FIRST, np.inf
     for _ in range(STEPS):
-        force = (
-            kernel.inverse_dynamics(q, rates, zero, cut=True) - load_force(kernel, q, loads) + springs * (q - target)
-        )
+        force = forces_needed(kernel, q, rates, zero) - load_force(kernel, q, loads) + springs * (q - target)
         multipliers, closing = _constraint(kernel, q, force, still)
         slopes = tangent(kernel, q, rates, zero, loads, multipliers)
         basis, _ = moving_basis(kernel, q, ~still)
@@ -117,7 +115,7 @@ def closed(kernel: Kernel, q: Array, still: Mask) -> Array:
     """
     if not kernel.constraints:
         return np.array(q)
-    names = [name for name, stays in zip(kernel.coordinates, still[: len(kernel.coordinates)], strict=True) if stays]
+    names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
     if np.abs(kernel.functions.constraint(q)).max() <= ROUND_OFF:
         names = []
     return np.asarray(kernel.assemble(q, fixed=names))
@@ -132,11 +130,10 @@ def _rest_state(
     loads: Mapping[str, Array],
 ) -> RestState:
     (q, rates), zero = state, np.zeros(kernel.n)
-    needed = kernel.inverse_dynamics(q, rates, zero, cut=True) - load_force(kernel, q, loads)
+    needed = forces_needed(kernel, q, rates, zero) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
     reaction = kernel.functions.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
-    u[len(kernel.coordinates) :] = 0.0  # nothing drives internal states
     slopes = tangent(kernel, q, rates, zero, loads, multipliers)
     notes = notes_of_play(kernel, q)
     basis, independent = moving_basis(kernel, q, ~still)
@@ -191,8 +188,8 @@ def system_at_rest(
 
     Drives that are not locked have the inputs and states with which they hold it, or are refused.
     """
-    state, zero, n = rest(kernel, q, fixation, loads), np.zeros(kernel.n), len(kernel.coordinates)
-    locked = {name for name, stays in zip(kernel.calls.coordinates, fixation.locked, strict=True) if stays}
-    u, z = drives_at_rest(kernel, state.q[:n], state.u[:n], fixation.z, fixed=locked)
-    still = MotionState(state.q, at_rest_with(kernel, z), zero, np.append(u, state.u[n:]))
+    state = rest(kernel, q, fixation, loads)
+    locked = {name for name, stays in zip(kernel.coordinates, fixation.locked, strict=True) if stays}
+    u, z = drives_at_rest(kernel, state.q, state.u, fixation.z, fixed=locked)
+    still = MotionState(state.q, at_rest_with(kernel, z), np.zeros(kernel.n), u)
     return reduced(kernel, still, state.tangent, fixation, state.notes), state

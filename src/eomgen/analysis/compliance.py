@@ -171,7 +171,7 @@ def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
     Of a closed mechanism that of the rigid one, which closes as a whole.
     """
     if not arm.robot.is_closed:
-        return arm.kernel.split
+        return arm.kernel
     rigid = arm.robot.rigid()
     kernel = build(rigid, kernels=(*FRAME_POSES, *mechanism_kernels(rigid)), progress=report)
     kernel.parameters.update({name: x for name, x in arm.kernel.parameters.items() if name in kernel.parameters})

@@ -183,7 +183,7 @@ def response(
         kind=kind,
         output_units=units_of_outputs(kernel, outputs),
         coordinates=kernel.coordinates,
-        q=system.q[: len(kernel.coordinates)],
+        q=system.q,
         notes=system.notes,
     )
 
@@ -265,11 +265,12 @@ def _solved(system: LinearSystem, whole: Array, outputs: Array, hertz: Array) ->
 
     Args:
         system: about a static equilibrium.
-        whole: forces of the inputs, (kernel.n, inputs).
-        outputs: by coordinates and states, (outputs, kernel.n).
+        whole: forces of the inputs, (n + m, inputs).
+        outputs: by coordinates and states, (outputs, n + m).
         hertz: frequencies, (F,).
     """
-    forces, rows, of_laws = system.basis.T @ whole, outputs @ system.basis, outputs[:, system.internal_states.places]
+    n, of_laws = system.kernel.n, outputs[:, system.internal_states.places]
+    forces, rows = system.basis.T @ whole[:n], outputs[:, :n] @ system.basis
     if not system.independent:
         return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     sticks = system.internal_states.stick & ~system.internal_states.rates_by(whole).any(axis=1)

@@ -35,8 +35,6 @@ SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 class Fixation:
     """Fixed coordinates of an analysis, and the gains of drives.
 
-    Arrays are of the length n of the kernel's: internal states behind the coordinates are still and locked.
-
     Attributes:
         drives: "locked", "free" or "pd".
         still: coordinates that stay at the pose while the others come to rest, (n,).
@@ -88,9 +86,8 @@ def fixation_of(
     """
     if drives not in DRIVES:
         raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
-    model, names = build_model(robot), kernel.calls.coordinates
-    driven, internal_states = _mask(names, model.driven), np.isin(names, kernel.internal_states)
-    prescribed = _mask(names, model.prescribed) | internal_states
+    model, names = build_model(robot), kernel.coordinates
+    driven, prescribed = _mask(names, model.driven), _mask(names, model.prescribed)
     notes: list[str] = []
     if fixed is not None:
         chosen = list(fixed)
@@ -215,7 +212,7 @@ def _loose(kernel: Kernel) -> Mask:
         name in kernel.knots or any(law.get(key) for key in SPRINGS) for name, law in law_numbers(kernel).items()
     ]
     held = np.array(elastic[: kernel.n]) | follower_matrix(kernel)[0][np.array(elastic[kernel.n :], bool)].any(axis=0)
-    held |= _mask(kernel.calls.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    held |= _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
     held |= np.diagonal(joint_stiffness(kernel)) > 0.0
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
@@ -255,7 +252,7 @@ def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:
 
 def _gains(label: str, value: Gains | None, kernel: Kernel, driven: Mask) -> Array:
     """Return a gain for every driven coordinate, 0 for the others."""
-    names = [name for name, drives in zip(kernel.calls.coordinates, driven, strict=True) if drives]
+    names = [name for name, drives in zip(kernel.coordinates, driven, strict=True) if drives]
     if value is None:
         raise InputError(f"{label}: drives 'pd' need it; allowed: a number, or numbers by names of {', '.join(names)}")
     table = value if isinstance(value, Mapping) else dict.fromkeys(names, value)

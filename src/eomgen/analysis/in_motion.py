@@ -14,9 +14,10 @@ from ..names import joint_of
 from ..pipeline.building import build
 from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
+from ..runtime.stepping.rollouts import cut_apart
 from ..state.drives import has_drives
-from ..state.internal_states import state_rates
-from ..state.vectors import state_vector
+from ..state.internal_states import forces_needed
+from ..state.vectors import prescribed_mask, state_vector
 from .at_rest import closed
 from .holding import notes_of_play
 from .options import HeldRobot
@@ -43,9 +44,8 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     if driving is None or (a is not None and u is not None):
         raise InputError("a and u: a motion is set by one of them; allowed: v and a, or v and u")
     kernel = arm.kernel
-    rates = np.concatenate([state_vector("v", v, kernel.coordinates), arm.fixation.z])
-    wanted = np.zeros(kernel.n)
-    wanted[: len(kernel.coordinates)] = state_vector("a" if u is None else "u", driving, kernel.coordinates)
+    rates = np.append(state_vector("v", v, kernel.coordinates), arm.fixation.z)
+    wanted = state_vector("a" if u is None else "u", driving, kernel.coordinates)
     if kernel.constraints:
         return _closed_system(arm, closed(kernel, q, arm.fixation.still), rates, wanted, is_drive=u is not None)
     dead = load_force(kernel, q, arm.loads)
@@ -53,50 +53,53 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     if u is None:
         acceleration = wanted
     else:
-        missing = _exerted(kernel, q, rates, wanted) + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
-        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~arm.fixation.locked
+        missing = _exerted(kernel, q, rates, wanted) + dead - forces_needed(kernel, q, rates, 0 * q)
+        M, free = _masses(kernel, q, rates), ~arm.fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
-    acceleration = state_rates(kernel, q, rates, acceleration)
-    forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
+    forces = forces_needed(kernel, q, rates, acceleration) - dead
     forces = forces if inputs is None else np.where(arm.fixation.locked, forces, inputs)
     slopes = tangent(kernel, q, rates, acceleration, arm.loads, u=inputs)
     state, unsaid = MotionState(q, rates, acceleration, forces), replace(arm.fixation, notes=())  # those are about rest
     return replace(reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q))), inputs=inputs)
 
 
-def _exerted(kernel: Kernel, q: Array, v: Array, u: Array) -> Array:
+def _exerted(kernel: Kernel, q: Array, rates: Array, u: Array) -> Array:
     """Return the forces of drives on coordinates under inputs u, (n,), N or N m."""
-    return np.asarray(kernel.functions.drive_forces(q, v, u)) if has_drives(kernel) else u
+    v, z = cut_apart(rates, kernel.n)
+    return np.asarray(kernel.functions.drive_forces(q, v, u, z=z)) if has_drives(kernel) else u
 
 
-def _needed(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
+def _needed(kernel: Kernel, q: Array, rates: Array, a: Array) -> Array:
     """Return the forces that a motion takes, loops open, (n,): the residual without what drives do."""
+    v, z = cut_apart(rates, kernel.n)
     zero = np.zeros(kernel.n)
-    needed = kernel.residual(q, v, a, zero)
-    if has_drives(kernel):
-        n = len(kernel.coordinates)
-        needed[:n] += kernel.functions.drive_forces(q, v, zero)[:n]
-    return np.asarray(needed)
+    needed = kernel.residual(q, v, a, zero, z=z)
+    return np.asarray(needed + _exerted(kernel, q, rates, zero))
 
 
-def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_drive: bool) -> LinearSystem:
+def _masses(kernel: Kernel, q: Array, rates: Array) -> Array:
+    """Return the mass matrix of a motion, (n, n), loops open."""
+    v, z = cut_apart(rates, kernel.n)
+    return np.asarray(kernel.residual_jacobian(q, v, np.zeros(kernel.n), z=z)[2])
+
+
+def _closed_system(arm: HeldRobot, q: Array, rates: Array, driving: Array, *, is_drive: bool) -> LinearSystem:
     """Return the system about a motion with loops closed; ``driving`` are the drives, or the accelerations, (n,)."""
-    kernel, fixation = arm.kernel, arm.fixation
+    kernel, fixation, v = arm.kernel, arm.fixation, rates[: arm.kernel.n]
     inputs = driving if is_drive and has_drives(kernel) else None
-    driving = _exerted(kernel, q, v, driving) if is_drive else driving
+    driving = _exerted(kernel, q, rates, driving) if is_drive else driving
     J, bias = kernel.functions.constraint_jacobian(q), kernel.functions.constraint_bias(q, v)
     _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.project_velocity")
     dead = load_force(kernel, q, arm.loads)
     if is_drive:
-        a = _accelerations(kernel, q, v, J, bias, driving + dead, ~fixation.locked)
+        a = _accelerations(kernel, q, rates, J, bias, driving + dead, ~fixation.locked)
     else:
         a = driving
         size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
         _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
-    a = state_rates(kernel, q, v, a)
-    needed = _needed(kernel, q, v, a) - dead
-    prescribed = np.isin(kernel.calls.coordinates, (*kernel.prescribed, *kernel.internal_states))
+    needed = _needed(kernel, q, rates, a) - dead
+    prescribed = prescribed_mask(kernel)
     u = driving.copy() if is_drive else np.zeros(kernel.n)
     basis, _ = moving_basis(kernel, q, ~prescribed)
     if not is_drive:
@@ -105,7 +108,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     basis, _ = moving_basis(kernel, q, ~held)
     left = np.abs(basis.T @ (needed - u)).max(initial=0.0)
     if not left <= 1e-8 * max(1.0, float(np.abs(needed).max())):
-        names = ", ".join(np.array(kernel.calls.coordinates)[fixation.driven])
+        names = ", ".join(np.array(kernel.coordinates)[fixation.driven])
         raise LoopError(
             f"{kernel.name}: drives at {names or 'no coordinate'} cannot make this motion: {left:.3g} N or N m are"
             " left; allowed: drives that hold the mechanism, or v and u",
@@ -115,24 +118,22 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, driving: Array, *, is_dri
     multipliers = np.asarray(np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0], float)
     u[held] = (needed - J.T @ multipliers)[held]
     u = u if inputs is None else np.where(held, u, inputs)
-    slopes = tangent(kernel, q, v, a, arm.loads, multipliers, inputs)
+    slopes = tangent(kernel, q, rates, a, arm.loads, multipliers, inputs)
     bending = _jacobian_rates(arm, q, v, a)
-    state, unsaid = MotionState(q, v, a, u), replace(fixation, notes=())  # those are about rest
+    state, unsaid = MotionState(q, rates, a, u), replace(fixation, notes=())  # those are about rest
     return replace(reduced(kernel, state, slopes, unsaid, tuple(notes_of_play(kernel, q)), bending), inputs=inputs)
 
 
-def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
+def _accelerations(kernel: Kernel, q: Array, rates: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
     """Return accelerations, (n,), under generalized forces, loops closed; what does not move has none."""
-    zero = np.zeros(kernel.n)
-    a = zero.copy()
+    a = np.zeros(kernel.n)
     a[moving] = -np.linalg.lstsq(J[:, moving], bias, rcond=RANK)[0]
     size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
     _refuse_opening(kernel, J @ a + bias, size, "what stays", "/s^2", "fewer coordinates that stay")
     basis, independent = moving_basis(kernel, q, moving)
     if independent:
-        M = kernel.residual_jacobian(q, v, zero)[2]
-        missing = basis.T @ (forces - _needed(kernel, q, v, a))
-        a += basis @ np.linalg.solve(basis.T @ M @ basis, missing)
+        missing = basis.T @ (forces - _needed(kernel, q, rates, a))
+        a += basis @ np.linalg.solve(basis.T @ _masses(kernel, q, rates) @ basis, missing)
     return np.asarray(a)
 
 
@@ -142,7 +143,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
     With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
     """
     kernel = arm.kernel
-    beside = build(arm.robot, kernels=SLOPES_OF_CLOSURE).augmented
+    beside = build(arm.robot, kernels=SLOPES_OF_CLOSURE)
     beside.parameters.update(kernel.parameters)
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))

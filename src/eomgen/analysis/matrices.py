@@ -240,15 +240,16 @@ def state_space(
         InputError: a name is unknown, or accelerations are asked for about a motion.
     """
     kernel, m = system.kernel, len(system.independent)
-    moving = bool(system.v[: len(kernel.coordinates)].any() or system.a[: len(kernel.coordinates)].any())
+    n = kernel.n
+    moving = bool(system.v[:n].any() or system.a.any())
     whole, laws = input_matrix(kernel, (system.q, system.v, system.inputs), inputs, fixation), system.internal_states
-    p, n = len(laws.names), len(kernel.coordinates)
-    forces = np.linalg.solve(system.M, system.basis.T @ whole)
+    p = len(laws.names)
+    forces = np.linalg.solve(system.M, system.basis.T @ whole[:n])
     lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D, laws.acts]))
     A = np.vstack([np.eye(m, 2 * m + p, m), lower, np.hstack([laws.by_q, laws.by_v, laws.by_z])])
     B = np.vstack([np.zeros_like(forces), forces, laws.rates_by(whole)])
     by_q, by_q_rate = output_matrices(kernel, system.q, system.v, outputs)
-    rows, rates = by_q @ system.basis, by_q_rate @ system.basis + by_q @ system.basis_rate
+    rows, rates = by_q[:, :n] @ system.basis, by_q_rate[:, :n] @ system.basis + by_q[:, :n] @ system.basis_rate
     D = np.zeros((len(outputs), len(inputs)))
     of_laws = by_q[:, laws.places]
     if kind == "displacement":
@@ -274,10 +275,10 @@ def state_space(
         kind=kind,
         output_units=units_of_outputs(kernel, outputs),
         coordinates=kernel.coordinates,
-        q=system.q[:n],
+        q=system.q,
         v=system.v[:n],
-        a=system.a[:n],
-        u=system.u[:n],
+        a=system.a,
+        u=system.u,
         internal_states=kernel.internal_states,
         z=system.v[n:],
         notes=system.notes,

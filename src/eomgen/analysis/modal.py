@@ -87,15 +87,14 @@ def modes_along(
     for pose in poses:
         system, state = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
         entries.append(modes_of(system, state.tangent, arm, frame))
-        n = len(system.kernel.coordinates)
-        metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2][:n, :n])
+        metrics.append(state.tangent.M)
     warn_of(dict.fromkeys(note for entry in entries for note in entry.notes))
     return TrackedModes(tuple(entries), _tracked(entries, metrics))
 
 
 def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str) -> Modes:
     """Return the modes of a linear system at rest, whose derivatives are ``tangents``; ``frame`` is a frame's name."""
-    n, sticks = len(system.kernel.coordinates), system.internal_states.stick
+    sticks = system.internal_states.stick
     eigenvalues, scaled, undamped, resolution = _solved(system.condensed())
     scaled, live = scaled[: len(system.independent)], scaled[len(system.independent) :]
     shapes = scaled.T @ system.basis.T
@@ -106,9 +105,9 @@ def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str
     return Modes(
         robot=arm.robot.name,
         coordinates=system.kernel.coordinates,
-        q=system.q[:n],
+        q=system.q,
         eigenvalues=eigenvalues,
-        shapes=shapes[:, :n],
+        shapes=shapes,
         frame=frame,
         frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
         undamped=undamped,
@@ -117,8 +116,8 @@ def modes_of(system: LinearSystem, tangents: Tangent, arm: HeldRobot, frame: str
         states=states,
         zeros=tuple(np.array(system.internal_states.names, dtype=np.str_)[sticks].tolist()),
         notes=system.notes,
-        strain_energy=strained[:, :n],
-        kinetic_energy=_shares(shapes, tangents.M)[:, :n],
+        strain_energy=strained,
+        kinetic_energy=_shares(shapes, tangents.M),
     )
 
 

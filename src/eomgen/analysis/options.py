@@ -21,7 +21,7 @@ from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.methods.bound import frame_number
-from ..state.internal_states import StatesLike, joined_vector
+from ..state.internal_states import StatesLike
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 
 FrameLoads = Mapping[str, ArrayLike]
@@ -81,8 +81,8 @@ class HeldRobot:
     loads: Mapping[str, Array]
 
     def coordinates(self, pose: PoseLike | None) -> Array:
-        """Return augmented coordinates of a pose, (kernel.n,), m or rad; arguments and errors as ``pose_of``."""
-        return joined_vector(self.kernel, "pose", pose_of(self.robot, self.kernel, pose), self.kernel.coordinates)
+        """Return coordinates of a pose, (n,), m or rad; arguments and errors as ``pose_of``."""
+        return pose_of(self.robot, self.kernel, pose)
 
 
 def prepared(robot: RobotLike, progress: StageReport | None = None, **options: Unpack[StateKeywords]) -> HeldRobot:
@@ -92,7 +92,7 @@ def prepared(robot: RobotLike, progress: StageReport | None = None, **options: U
         InputError: an option cannot be used.
     """
     settings, arm = StateOptions(**options), as_robot(robot)
-    kernel = kernel_of(arm, settings.kernel, settings.parameters, progress).augmented
+    kernel = kernel_of(arm, settings.kernel, settings.parameters, progress)
     gains: dict[str, Gains | None] = {"kp": settings.kp, "kd": settings.kd}
     fixation = fixation_of(arm, kernel, settings.drives, **gains, fixed=settings.fixed, z=settings.z)
     return HeldRobot(arm, kernel, fixation, checked_loads(kernel, settings.loads))

@@ -23,14 +23,14 @@ KINDS: tuple[str, ...] = get_args(PortKind)
 def input_matrix(
     kernel: Kernel, state: tuple[Array, Array, Array | None], names: Sequence[str], fixation: Fixation
 ) -> Array:
-    """Return generalized forces per unit of each input, (n, inputs).
+    """Return generalized forces per unit of each input, with rows of internal states behind, (n + m, inputs).
 
     An input is a coordinate's name (its drive, as ``Kernel.inputs`` has it, or a force like one; N or N m), or a frame
     or link with a component of a wrench at its origin, base frame: "tcp.fx", "link3.mz".
 
     Args:
         kernel: of the robot.
-        state: q, v and the drives' inputs, (n,) each; None: drives are within their limits.
+        state: q, v with internal states behind, and the drives' inputs; None: drives are within their limits.
         names: of the inputs.
         fixation: what is locked.
 
@@ -38,7 +38,7 @@ def input_matrix(
         UnknownNameError: a name is neither.
         InputError: a coordinate is locked, and its drive cannot move it.
     """
-    columns, drives, (q, v, u) = [], np.eye(kernel.n), state
+    columns, drives, (q, v, u) = [], np.eye(kernel.calls.rates), state
     if has_drives(kernel):
         drives = drive_slopes(kernel, q, v, u)[2]
     for name in names:
@@ -49,32 +49,33 @@ def input_matrix(
             columns.append(drives[:, i])
             continue
         frame, component = _component("input", name, kernel, FORCES)
-        columns.append(kernel.frame_jacobian(q, frame)[component])
-    return np.asarray(np.array(columns).reshape(-1, kernel.n).T)
+        columns.append(np.append(kernel.frame_jacobian(q, frame)[component], np.zeros(len(kernel.internal_states))))
+    return np.asarray(np.array(columns).reshape(-1, kernel.calls.rates).T)
 
 
 def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) -> tuple[Array, Array]:
-    """Return displacements of the outputs per change of coordinates, (outputs, n), and their rate along the motion.
+    """Return displacements of the outputs per change of coordinates, and their rate along the motion.
+
+    They are (outputs, n + m) each, with columns of internal states behind.
 
     An output is a coordinate's name, a frame or link with a component of its motion, base frame ("tcp.x", "tcp.rz"), or
-    an internal state ("joint1.gamma.friction.z"), whose column stands at its place among ``calls.coordinates`` of a
-    kernel.  With J the first matrix and J' the second, velocities change by J dv + J' dq.
+    an internal state ("joint1.gamma.friction.z").  With J the first matrix and J' the second, velocities change by
+    J dv + J' dq.
 
     Raises:
         UnknownNameError: a name is none of these.
     """
-    rows, rates = [], []
-    for name in names:
-        if name in kernel.calls.coordinates:
-            rows.append(np.eye(kernel.n)[kernel.calls.coordinates.index(name)])
-            rates.append(np.zeros(kernel.n))
+    (n, size), known = (kernel.n, kernel.calls.rates), kernel.calls.rate_names
+    rows, rates = np.zeros((2, len(names), size))
+    for i, name in enumerate(names):
+        if name in known:
+            rows[i, known.index(name)] = 1.0
             continue
         frame, component = _component("output", name, kernel, MOTIONS)
         J = kernel.frame_jacobian(q, frame)
-        rows.append(J[component])
-        rates.append(v @ frame_hessian(J)[component])
-    shape = (-1, kernel.n)
-    return np.array(rows).reshape(shape), np.array(rates).reshape(shape)
+        rows[i, :n] = J[component]
+        rates[i, :n] = v[:n] @ frame_hessian(J)[component]
+    return rows, rates
 
 
 def checked_kind(kind: str) -> str:

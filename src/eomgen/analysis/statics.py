@@ -169,7 +169,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
     Raises:
         InputError: of a robot with loops that neither drives nor held coordinates alone hold.
     """
-    robot, kernel = arm.robot, arm.kernel.split
+    robot, kernel = arm.robot, arm.kernel
     beams = [(link, link.beam) for link in robot.links if link.beam is not None]
     if not beams:
         return ()
@@ -178,7 +178,7 @@ def _stress_resultants(arm: HeldRobot, q: Array) -> tuple[StressResultants, ...]
         reacting = build(robot, kernels=() if robot.is_closed else kernel_group(robot, FRAME_POSES, JOINT_REACTIONS))
         reacting.parameters.update(kernel.parameters)
     still = np.zeros(len(kernel.coordinates))
-    z = arm.fixation.z if kernel.internal_states else None
+    z = arm.fixation.z
     try:
         wrenches = reacting.reactions(q, still, still, wrench=arm.loads or None, z=z)
     except LoopError as error:
@@ -209,17 +209,17 @@ def _reactions_of_held(arm: HeldRobot, q: Array, error: LoopError) -> Array:
     Raises:
         InputError: held coordinates do not hold it, or stand against each other through loops.
     """
-    kernel, still = arm.kernel.split, np.zeros(len(arm.kernel.coordinates))
-    whole, z = build(arm.robot), arm.fixation.z if kernel.internal_states else None
+    kernel, still = arm.kernel, np.zeros(len(arm.kernel.coordinates))
+    whole, z = build(arm.robot), arm.fixation.z
     whole.parameters.update(kernel.parameters)
-    held = arm.fixation.still[: still.size]
+    held = arm.fixation.still
     needed = whole.inverse_dynamics(q, still, still, wrench=arm.loads or None, cut=True, z=z)
     J = whole.functions.constraint_jacobian(q)
     multipliers = np.linalg.lstsq(J[:, ~held].T, needed[~held], rcond=RANK)[0]
     holding = needed - J.T @ multipliers
     if rank_of(J[:, ~held]) < rank_of(J) or np.abs(holding[~held]).max(initial=0.0) > LEFT * np.abs(needed).max():
         stay, driven = (
-            ", ".join(np.array(kernel.calls.coordinates)[mask]) or "nothing"
+            ", ".join(np.array(kernel.coordinates)[mask]) or "nothing"
             for mask in (arm.fixation.still, arm.fixation.driven)
         )
         raise InputError(
@@ -248,7 +248,7 @@ def _beam_loads(
         reactions: of each joint on its child link, (6,), in the joint's axes.
     """
     assert link.modes is not None
-    robot, kernel = arm.robot, arm.kernel.split
+    robot, kernel = arm.robot, arm.kernel
     pose = np.asarray(kernel.frame_pose(q, link.name))
 
     def seen(name: str) -> Array:
@@ -291,8 +291,8 @@ def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
         robot=arm.robot.name,
         frame=frame,
         coordinates=kernel.coordinates,
-        q=state.q[: len(kernel.coordinates)],
-        u=state.u[: len(kernel.coordinates)],
+        q=state.q,
+        u=state.u,
         rigid_pose=rigid_pose,
         pose=pose,
         deflection=whole,
@@ -320,7 +320,7 @@ def motion_between(first: Array, second: Array) -> Array:
 
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
     """Return J K^-1 J^T over what may move; coordinates that float in their clearance stay, also of loop joints."""
-    stuck = np.isin(kernel.calls.coordinates, floating(kernel, q))
+    stuck = np.isin(kernel.coordinates, floating(kernel, q))
     refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
     cuts = np.isin(kernel.cut_laws, floating_cuts(kernel, q))
     stays = kernel.functions.cut_jacobian(q)[cuts] if cuts.any() else None
@@ -516,7 +516,8 @@ def _slopes(kernel: Kernel, joint: str, q: Array) -> Array:
     forces = {name: 2.0 * x for name, x in kernel.parameters.items() if name.startswith(owned) and _is_spring(name)}
     once: Callable[..., Any] = kernel.residual_jacobian
     twice: Callable[..., Any] = kernel.replaced(parameters=forces).residual_jacobian
-    return np.asarray(twice(q, zero, zero)[0] - once(q, zero, zero)[0])
+    z = np.zeros(len(kernel.internal_states))
+    return np.asarray(twice(q, zero, zero, z=z)[0] - once(q, zero, zero, z=z)[0])
 
 
 def _is_spring(parameter: str) -> bool:

@@ -200,10 +200,10 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
     kernels = () if robot.is_closed else kernel_group(robot, STRUCTURES, JOINT_REACTIONS)
-    kernel = build(robot, kernels=kernels).augmented
+    kernel = build(robot, kernels=kernels)
     motion = result.trajectory
-    q, v, u = motion.joined()
-    reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, u)))
+    q, v, z = motion.q, motion.v, motion.z
+    reactions = np.asarray(kernel.reactions(q, v, kernel.forward_dynamics(q, v, motion.u, z), z=z))
     index = actuators(kernel, result.program_coordinates).index
     deviation = np.linalg.norm(result.tool_deviation, axis=1)
     model = build_model(robot)

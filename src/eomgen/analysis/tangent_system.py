@@ -70,7 +70,7 @@ def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
 
 
 class MotionState(NamedTuple):
-    """State of a motion: q, v, a and the drives u that make it, (n,) each; n is the kernel's, with internal states."""
+    """State of a motion: q, a and the drives u that make it, (n,) each; v with internal states behind, (n + m,)."""
 
     q: Array
     v: Array
@@ -80,11 +80,17 @@ class MotionState(NamedTuple):
 
 @dataclass(frozen=True)
 class Tangent(Shown):
-    """Tangent matrices at a state, (n, n) each: stiffness K (with the geometric one), damping D and mass M."""
+    """Tangent matrices at a state.
+
+    Attributes:
+        K, D, M: stiffness (with the geometric one), damping and mass, (n, n) each.
+        whole: derivatives of the residual, with rows and columns of internal states, as of ``slopes_of``.
+    """
 
     K: Array
     D: Array
     M: Array
+    whole: tuple[Array, Array, Array]
 
 
 def tangent(
@@ -96,14 +102,17 @@ def tangent(
     multipliers: Array | None = None,
     u: Array | None = None,
 ) -> Tangent:
-    """Return the derivatives at a state, drives constant: within their limits, or where inputs u leave them."""
-    by_q, by_v, by_a = slopes_of(kernel, q, v, a, u)
-    K = by_q.copy()
+    """Return the derivatives at a state, drives constant: within their limits, or where inputs u leave them.
+
+    Internal states stand behind v, (n + m,).
+    """
+    n, whole = kernel.n, slopes_of(kernel, q, v, a, u)
+    K, D, M = (matrix[:n, :n].copy() for matrix in whole)
     for frame, w in loads.items():
         K -= np.einsum("k,kij->ij", w, frame_hessian(kernel.frame_jacobian(q, frame)))
     if multipliers is not None and multipliers.any():
         K -= np.einsum("k,kij->ij", multipliers, constraint_hessian(kernel, q))
-    return Tangent(K, by_v, by_a)
+    return Tangent(K, D, M, whole)
 
 
 def moving_basis(kernel: Kernel, q: Array, moving: Mask, stays: Array | None = None) -> tuple[Array, tuple[int, ...]]:
@@ -189,7 +198,8 @@ class LinearSystem(Shown):
 
     Attributes:
         kernel: of the robot.
-        q, v, a: the state, (n,) each, n the kernel's: with internal states in v, their rates in a.
+        q, a: the state, (n,) each.
+        v: its rates, with internal states behind, (n + m,).
         u: drives there, (n,), as ``Kernel.inputs`` has them, or forces where only these are known; held forces, N or
             N m.
         independent: names of the independent coordinates, m.
@@ -288,7 +298,7 @@ def reduced(
             raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted: {bent}")
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
-    every = states_of(kernel, (tangents.K, tangents.D, tangents.M), basis, rate)
+    every = states_of(kernel, tangents.whole, basis, rate)
     internal_states = every.taking_part()
     idle = [name for name in every.names if name not in internal_states.names and _is_of_free_drive(name, names)]
     if idle:

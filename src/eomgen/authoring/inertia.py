@@ -60,7 +60,8 @@ def mass_matrix(model: Model, q: Array) -> Array:
     followers = Followers(whole, model, bound)
     placed = followers.place([at.get(name, 0.0) for name in whole.coordinates])
     bound = bent(whole, bound, placed, followers)
-    M, places = np.zeros((model.size, model.size)), {place: i for i, place in enumerate(indices)}
+    n = len(model.coordinates)
+    M, places = np.zeros((n, n)), {place: i for i, place in enumerate(indices)}
     upper = entries(PosedTree(whole, bound, geometry(whole, bound, placed, _sincos)))
     for (i, j), value in followers.symmetric(upper).items() if followers else upper.items():
         if i in places and j in places:

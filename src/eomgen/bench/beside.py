@@ -168,7 +168,7 @@ def bench(
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
     kernels = options.kernels or "all"
-    kernel = build(robot, kernels=kernels, native=native, flags=options.flags, progress=progress).augmented
+    kernel = build(robot, kernels=kernels, native=native, flags=options.flags, progress=progress)
     used = tools_for(options).flags
     progress("compiling the Newton-Euler algorithm")
     unknown = unknown_to_textbook(build_model(robot).tree)
@@ -275,16 +275,15 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
         for _ in modes.get(joint.child, ()):
             q.append(rng.uniform(-BENT, BENT, STATES))
             v.append(rng.uniform(-1.0, 1.0, STATES))
-    for state in build_model(robot).states:
-        size = state.state.size(state.numbers)
-        q.append(np.zeros(STATES))
-        v.append(rng.uniform(-size, size, STATES))
-    n = kernel.n
+    sizes, n = [x.state.size(x.numbers) for x in build_model(robot).states], kernel.n
+    z = np.array([rng.uniform(-size, size, STATES) for size in sizes]).reshape(-1, STATES)
     inputs = {
         "q": np.ascontiguousarray(np.transpose(q)),
         "v": np.ascontiguousarray(np.transpose(v)),
         "a": rng.uniform(-2.0, 2.0, (STATES, n)),
+        "z": np.ascontiguousarray(z.T),
         "u": rng.uniform(-20.0, 20.0, (STATES, n)),
+        "forces": np.zeros((STATES, kernel.calls.inputs - n)),
         "wrench": rng.uniform(-20.0, 20.0, (STATES, 6 * len(kernel.links))),
     }
     return _closed_inputs(robot, inputs, rng) if kernel.constraints else inputs
@@ -293,11 +292,10 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
     """Draw states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
     model = build_model(robot)
-    kernel = build(robot, kernels=kernel_group(robot, STRUCTURES, ASSEMBLY)).augmented
-    home, driven = np.zeros(kernel.n), [model.coordinates[i] for i in model.driven]
-    home[: len(model.home)] = model.home
-    q, reach = np.tile(kernel.assemble(home), (STATES, 1)), 0.1
-    away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.calls.coordinates, driven)
+    kernel = build(robot, kernels=kernel_group(robot, STRUCTURES, ASSEMBLY))
+    driven = [model.coordinates[i] for i in model.driven]
+    q, reach = np.tile(kernel.assemble(model.home), (STATES, 1)), 0.1
+    away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(kernel.coordinates, driven)
     while reach > SMALL:
         try:
             q = kernel.assemble(q + reach * away, fixed=driven)
@@ -305,7 +303,7 @@ def _closed_inputs(robot: Robot, inputs: dict[str, Array], rng: np.random.Genera
         except LoopError:
             reach *= 0.5
     v = kernel.project_velocity(q, np.minimum(np.abs(inputs["v"]), 1.0))
-    return {**inputs, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, inputs["u"])}
+    return {**inputs, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, inputs["u"], inputs["z"])}
 
 
 def counterparts(kernel: Kernel) -> dict[str, str]:
@@ -392,11 +390,7 @@ def _measure(
     for state in range(STATES):
         failed = _call(kernel, function, [np.ascontiguousarray(array[state]) for array in arrays], out)
         if failed:
-            why = (
-                f"no inertia along {kernel.calls.coordinates[failed - 1]}"
-                if failed <= kernel.n
-                else "loops do not close"
-            )
+            why = f"no inertia along {kernel.coordinates[failed - 1]}" if failed <= kernel.n else "loops do not close"
             note = f"not timed: {why} in state {state}"
             return Row(Contender(name, counts, 0.0, 0.0), note=note)
     ns = yardstick.stopwatch.time(timed, FRAME if function.is_framed else len(arrays), arrays, rounds)

@@ -44,7 +44,7 @@ EOM_LOCAL void F(find_failures)(const F(problem) *restrict problem, enum F(solve
     const int nv = RATES_OF(robot->sizes);
     const int nu = INPUTS_OF(robot->sizes);
     const int hoisted = robot->sizes->hoisted;
-    const int statuses = (M_OF(robot->sizes) > 0) ? (2 * nv + 3 * M_OF(robot->sizes)) : nv;
+    const int statuses = (M_OF(robot->sizes) > 0) ? (2 * nq + 3 * M_OF(robot->sizes)) : nq;
     REAL *const state = problem->spare; /* q, v, and two more arrays */
     REAL *const one = &state[nq + nv];
     REAL *const two = &one[nu];
@@ -533,7 +533,7 @@ EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *r
 {
     const EOM(sizes) *const sizes = motion->robot->sizes;
     const int nx = STATE_OF(sizes);
-    const int statuses = 2 * RATES_OF(sizes) + 3 * M_OF(sizes);
+    const int statuses = 2 * POSITIONS_OF(sizes) + 3 * M_OF(sizes);
     REAL *const x_try = work;
     REAL *const h_try = &x_try[nx];
     REAL *const rest = &h_try[sizes->hoisted];

@@ -132,7 +132,7 @@ typedef struct {
     size_t sample;
     int refused;
     int reason; /* 0: goes on; 1: at its end; 2 + i: no step is short enough for number i of the state; 2 + nq + nv + i: there is
-                 * no acceleration of coordinate i, as the mass matrix cannot be inverted; 2 + nq + 2 nv + r: constraint r stays violated */
+                 * no acceleration of coordinate i, as the mass matrix cannot be inverted; 2 + 2 nq + nv + r: constraint r stays violated */
     double *kept; /* NULL, or of Radau IIA room for what steps leave to the next call, EOM_KEPT_ROOM numbers of any value */
 } eom_progress;
 

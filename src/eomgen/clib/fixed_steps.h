@@ -139,7 +139,7 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     const EOM(sizes) *const sizes = robot->sizes;
     const int nq = POSITIONS_OF(sizes);
     const int nv = RATES_OF(sizes);
-    const int statuses = nv + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + nv) : 0);
+    const int statuses = nq + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + nq) : 0);
     const long long statuses_of_a_step = (long long)statuses * (long long)WIDTH;
     const size_t rows = steps / every + 1U;
     F(charts) charts;

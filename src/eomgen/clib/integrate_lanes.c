@@ -39,7 +39,7 @@ EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *res
 {
     const int nq = POSITIONS_OF(robot->sizes);
     const int nv = RATES_OF(robot->sizes);
-    const long long statuses = nv + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + nv) : 0);
+    const long long statuses = nq + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + nq) : 0);
     const size_t rows = steps / every + 1U;
     lanes *const h_lanes = work.state;
     lanes *const x = &h_lanes[robot->sizes->hoisted];

@@ -92,8 +92,7 @@ class DiscreteStep:
 
     def __post_init__(self) -> None:
         """Check every field, and complete ``drives``."""
-        kernel = self.kernel.augmented
-        object.__setattr__(self, "kernel", kernel)
+        kernel = self.kernel
         wanted = kernels_for_step(self.method, closed=True)
         missing = [name for name in wanted if name not in kernel.operations]
         if missing:
@@ -109,12 +108,12 @@ class DiscreteStep:
         object.__setattr__(self, "parameters", parameters)
         driven: Sequence[int] = kernel.raw.libraries.meta["driven"]
         given = [kernel.coordinates[i] for i in driven] if self.drives is None else self.drives
-        object.__setattr__(self, "drives", _names("drives", given, kernel.calls.coordinates))
+        object.__setattr__(self, "drives", _names("drives", given, kernel.coordinates))
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the numbers of x: those of coordinates, then those of velocities, with internal states behind."""
-        return (*self.kernel.coordinates, *self.kernel.calls.coordinates)
+        return (*self.kernel.coordinates, *self.kernel.coordinates, *self.kernel.internal_states)
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -143,17 +142,18 @@ class DiscreteStep:
         """
         kernel, (way, number) = self.together, STEP_CODES[self.method]
         gradient = kernel.raw.gradients[f"{way}_gradient"].library
-        names, places = list(kernel.parameters), list(kernel.calls.coordinates)
-        n, every, kept = kernel.n, max(len(names), 1), gradient.meta["kept"][f"{way}_gradient"]
+        names, places = list(kernel.parameters), list(kernel.coordinates)
+        n, rates, inputs = kernel.n, kernel.calls.rates, kernel.calls.inputs
+        every, kept = max(len(names), 1), gradient.meta["kept"][f"{way}_gradient"]
         sizes = self.sizes
         by_parameters &= bool(self.parameters)
         directions = sizes["x"] + sizes["u"] + (len(self.parameters) if by_parameters else 0)
         setup = kernel.parameters.setup.computed(gradient)
         by_matrices = self._takes_slopes and not by_parameters
-        room = n + (every + len(setup) if self.parameters else 0)  # rows of states begin behind it
-        along = (4 + 5 * directions) * n + directions * every
+        room = inputs + (every + len(setup) if self.parameters else 0)  # rows of states begin behind it
+        along = 2 * (1 + directions) * sizes["x"] + directions * (inputs + every)
         if by_matrices:
-            along = (6 + 7 * directions + 3 * n) * n + kept
+            along = 3 * (1 + directions) * sizes["x"] + directions * rates + 3 * rates**2 + kept
         return {
             "robot": kernel.name,
             "way": way,
@@ -163,7 +163,8 @@ class DiscreteStep:
             "length": repr(self.dt),
             "substeps": self.substeps,
             "n": n,
-            "coordinates": len(kernel.coordinates),
+            "rates": rates,
+            "drive_inputs": inputs,
             "states": sizes["x"],
             "drives": [places.index(name) for name in self.drives or ()],
             "parameters": [names.index(name) for name in self.parameters],
@@ -177,9 +178,9 @@ class DiscreteStep:
             "setup": [literal(x) for x in setup],
             "values": [literal(float(x)) for x in kernel.parameters.values()],
             "room": {
-                "value": room + 4 * n,
+                "value": room + 2 * sizes["x"],
                 "jacobian": room + along,
-                "adjoint": room + (2 * (self.substeps + 1) + 5) * n + self.substeps * kept + every,
+                "adjoint": room + (self.substeps + 3) * sizes["x"] + inputs + self.substeps * kept + every,
             },
         }
 

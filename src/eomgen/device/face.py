@@ -34,7 +34,7 @@ class Device:
     DLPack (CuPy, PyTorch, JAX).  Results are arrays of the library that the first one is of, or ``out``.  Methods are
     the functions of ``eomgen.export_simt``: those of ``dir``.  They take arrays by position or by name, and
 
-        out: array to write to; a tuple of two for rollouts.
+        out: array to write to; a tuple of q and v for rollouts, and z of robots with internal states.
         stream: a stream's address or object; that on which the library of the first array works, or the default one,
             without.  Other streams that arrays say they are made on are waited for.
         step, steps: of rollouts, the length of a step in s and how many there are.
@@ -338,8 +338,9 @@ class Device:
         entry = int(np.flatnonzero(~np.isfinite(numbers))[0])
         shape = {**loaded.reads, **loaded.writes}[label]
         index = tuple(int(i) for i in np.unravel_index(entry, shape))
-        names = self._kernel.augmented.calls.coordinates
-        name = names[entry] if shape == (len(names),) else ""
+        calls = self._kernel.calls
+        known = calls.arrays.names(label.removesuffix("_out")), (*calls.coordinates, *calls.internal_states)
+        name = next((names[entry] for names in known if shape == (len(names),)), "")
         return f"{name or list(index)} in state {state} is {numbers[entry]}", name
 
     def _failure(self, text: FunctionText, state: int, status: int) -> Exception:

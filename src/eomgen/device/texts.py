@@ -69,8 +69,7 @@ class FunctionText:
     def vanished(self, status: int) -> list[str]:
         """Return names of the coordinates whose pivots vanish by a status."""
         pivots = self.meta["status"]["pivots"]
-        names = [*self.meta["coordinates"], *self.meta["internal_states"]]
-        return [name for place, name in enumerate(names) if status >> place % pivots & 1]
+        return [name for place, name in enumerate(self.meta["coordinates"]) if status >> place % pivots & 1]
 
 
 def text_of(robot: Robot, name: str, dtype: str) -> FunctionText:

@@ -19,6 +19,7 @@ from ..robot.laws import COARSE
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..state.drives import acceleration_slopes
 
 LONGEST_STEP = 1e-3  # s, of co-simulation
 PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
@@ -45,7 +46,7 @@ def default_step(robot: Robot, method: str, progress: StageReport = no_report) -
 def _velocities(robot: Robot) -> list[Array]:
     """Return velocities at which eigenvalues are looked at, (n,): at rest, and at limits where laws have states."""
     model = build_model(robot)
-    still = np.zeros(model.size)
+    still = np.zeros(len(model.coordinates))
     if not model.internal_states:
         return [still]
     owners = dict.fromkeys((x.owner, x.prefix) for x in model.states if x.law not in (BRANCHES, DRIVE))
@@ -57,26 +58,21 @@ def _velocities(robot: Robot) -> list[Array]:
             f"step: internal states of {listed(unlimited)} follow the faster, the faster these move, and there is no"
             " velocity limit; allowed: a step, limits of velocity, or another method than rk4"
         )
-    fast = still.copy()
-    fast[: len(model.coordinates)] = [limits[name] or 0.0 for name in model.coordinates]
-    return [still, fast]
+    return [still, np.array([limits[name] or 0.0 for name in model.coordinates])]
 
 
 def _fastest(robot: Robot, v: Array, progress: StageReport) -> float:
     """Return the greatest modulus of an eigenvalue where the robot starts, 1/s; 0 where there is no acceleration."""
+    is_closed = bool(build_model(robot).constraints)
+    names = POLES_OF_MECHANISMS if is_closed else ACCELERATION_SLOPES
+    kernel = _coarse(build(robot, kernels=names, flags=("-O0",), progress=progress))
     try:
-        by_q, by_v = (_closed if build_model(robot).constraints else _open)(robot, v, progress)
+        q = np.array(assembled_home(robot, progress)) if is_closed else np.zeros(kernel.n)
+        rates = _slopes(kernel, q, v)
     except SingularError:
         return 0.0
-    whole = np.block([[np.zeros_like(by_q), np.eye(len(by_q))], [by_q, by_v]])
+    whole = np.vstack([np.eye(kernel.n, rates.shape[1], kernel.n), rates])
     return float(np.abs(np.linalg.eigvals(whole)).max()) if np.isfinite(whole).all() else 0.0
-
-
-def _open(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
-    """Return derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
-    kernel = _coarse(build(robot, kernels=ACCELERATION_SLOPES, flags=("-O0",), progress=progress)).augmented
-    zero = np.zeros(kernel.n)
-    return kernel.forward_dynamics_jacobian(zero, v, zero)[:2]
 
 
 def _coarse(kernel: Kernel) -> Kernel:
@@ -85,16 +81,18 @@ def _coarse(kernel: Kernel) -> Kernel:
     return kernel.replaced(parameters=dict.fromkeys(narrow, COARSE)) if narrow else kernel
 
 
-def _closed(robot: Robot, v: Array, progress: StageReport) -> tuple[Array, Array]:
-    """Return the same of a robot with loops at its assembled home."""
-    names = POLES_OF_MECHANISMS
-    kernel = _coarse(build(robot, kernels=names, flags=("-O0",), progress=progress)).augmented
-    n, zero = kernel.n, np.zeros(kernel.n)
-    q = np.array([*assembled_home(robot, progress), *(0.0 for _ in kernel.internal_states)])
-    kernel.calls.run(names[0], None, (q, v, zero))  # or a singular mass matrix would go unseen
-    directions, still = np.eye(n), np.zeros((n, n))
-    states = [
-        kernel.jvp(names[0], (q, v, zero), (dq, dv, zero))[:, :n].T
-        for dq, dv in ((directions, still), (still, directions))
-    ]
-    return states[0], states[1]
+def _slopes(kernel: Kernel, q: Array, v: Array) -> Array:
+    """Return derivatives of accelerations and rates of the m internal states by q, v and these, (n + m, 2 n + m).
+
+    All states are 0.
+    """
+    calls, n, zero, z = kernel.calls, kernel.n, np.zeros(kernel.n), np.zeros(len(kernel.internal_states))
+    if not kernel.constraints:
+        by_q, by_v, _ = acceleration_slopes(kernel, q, np.append(v, z), zero)
+        return np.hstack([by_q[:, :n], by_v])
+    name, m = POLES_OF_MECHANISMS[0], z.size
+    calls.run(name, None, (q, v, zero), z=z)  # or a singular mass matrix would go unseen
+    values = calls.arguments(name, (q, v, zero), z)
+    along = dict(zip("qvz", np.split(np.eye(2 * n + m), (n, 2 * n), axis=1), strict=True))
+    rates = [along.get(x, np.zeros(np.shape(y))) for x, y in zip(calls.raw.functions[name].reads, values, strict=True)]
+    return calls.run(f"{name}_tangent", None, [*values, *rates], whole=True)[:, : n + m].T

@@ -60,7 +60,7 @@ def compiled_states(
                 reached, done = error, int(np.searchsorted(samples.times, error.t))
             at, before = float(times[-1]), np.concatenate([q_steps[-1], v_steps[-1]])
         if done > samples.done:
-            samples.take(np.hstack(list(motion.samples[:, samples.done : done])))
+            samples.take(np.hstack([x[samples.done : done] for x in motion.samples]))
         system.loaded = motion.loads
         system.counts |= {
             "steps": int(progress.steps),
@@ -70,9 +70,7 @@ def compiled_states(
         if method == AUTO:
             system.counts |= implicit_spans(control.turns, motion.turns.spans)
         if reached is not None:
-            end = reached.exactly(
-                lambda t0, y, t: np.concatenate(list(_moved(kernel, loads, (t0, t), y, control).state))
-            )
+            end = reached.exactly(lambda t0, y, t: np.concatenate(_moved(kernel, loads, (t0, t), y, control).state))
             if motion.works is not None:
                 k = int(np.searchsorted(samples.times[: samples.done], end.t)) - 1
                 span = float(samples.times[k]), end.t
@@ -98,7 +96,7 @@ def _moved(
     *,
     works: bool = False,
 ) -> SingleMotion:
-    """Integrate over a span, s, from a state, (2n,), at its beginning; return the finished motion."""
+    """Integrate over a span, s, from a state (q, v, z) at its beginning; return the finished motion."""
     n = kernel.n
     motion = SingleMotion(kernel.calls, loads, np.array(span), y[:n], y[n:], control, works=works)
     while not motion.progress.reason:
@@ -120,7 +118,8 @@ def _stopped(system: System, motion: SingleMotion, method: str) -> IntegrationSt
     try:
         u, wrench = System.drives(system, t, q, v), System.wrench(system, t, q, v)  # of described states
         if kernel.raw.has(kernel.forward_dynamics):
-            kernel.forward_dynamics(q, v, u, wrench=wrench)
+            velocities, z = system.apart(v)
+            kernel.forward_dynamics(q, velocities, u, z, wrench=wrench)
     except (EomgenError, ValueError, ArithmeticError) as error:
         trouble = error
         if not progress.steps:

@@ -161,7 +161,7 @@ class ContactWatch:
     """
 
     def __init__(self, kernel: Kernel, until: Until | None = None) -> None:
-        self._until, self._cubics = until, Cubics(kernel.raw.turning)
+        self._until, self._cubics = until, Cubics(kernel.raw.turning, kernel.n)
         self._n = kernel.n
         groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
         self._groups = [group for group in groups if group.ends]
@@ -177,12 +177,13 @@ class ContactWatch:
         return sum(len(group.ends) for group in self._groups)
 
     def gaps(self, y: Array) -> Array:
-        """Return penetrations of each end, m or rad, below 0 inside; y = (q, v), (2n,) or (N, 2n)."""
-        distances = [group.gaps(y[..., : self._n], y[..., self._n :]) for group in self._groups]
+        """Return penetrations of each end, m or rad, below 0 inside; y = (q, v, z), (size,) or (N, size)."""
+        q, v, _ = np.split(y, [self._n, 2 * self._n], axis=-1)
+        distances = [group.gaps(q, v) for group in self._groups]
         return np.concatenate(distances, axis=-1) if distances else np.zeros((*y.shape[:-1], 0))
 
     def find_all(self, times: Array, states: Array) -> None:
-        """Locate the contacts between successive states, (k, 2n), at times, (k,), s, and note them.
+        """Locate the contacts between successive states, (k, size), at times, (k,), s, and note them.
 
         Raises:
             Reached: what the motion goes on to is there.
@@ -198,7 +199,7 @@ class ContactWatch:
 
         Args:
             t0, t1: s.
-            y0, y1: states (q, v) there, (2n,).
+            y0, y1: states (q, v, z) there.
             at: t -> state between; default a cubic through both ends' q and v.
 
         Raises:
@@ -224,6 +225,6 @@ class ContactWatch:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
         for group in self._groups:
             if end < len(group.ends):
-                self.contacts.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
+                self.contacts.append(group.contact(end, float(t), y[: self._n], y[self._n : 2 * self._n], closes))
                 return
             end -= len(group.ends)

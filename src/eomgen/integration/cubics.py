@@ -11,48 +11,49 @@ from ..runtime.turning import BACK, ON, SINGULAR, seen
 
 
 class Cubics:
-    """Cubics between states in described coordinates, (2n,).
+    """Cubics between states in described coordinates, (q, v, z); internal states z are interpolated linearly.
 
     Where the Euler angles of a joint with 3-DOF rotation are nearly singular, they change within a step by up to pi:
     the cubic is one of its other chart's angles then, and points on it are converted back.
 
     Args:
         joints: places of alpha and of x of such joints, as of ``RawKernel.turning``.
+        n: number of coordinates.
     """
 
-    def __init__(self, joints: Mapping[str, tuple[int, int]]) -> None:
-        self._joints = joints
+    def __init__(self, joints: Mapping[str, tuple[int, int]], n: int) -> None:
+        self._joints, self._n = joints, n
 
     def at(self, t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
         """Interpolate the state at t, s, between two at t0 and t1."""
-        turned = [places for places in self._joints.values() if _is_turned(places, y0, y1)]
+        near = y0[: self._n]
+        turned = [places for places in self._joints.values() if _is_turned(places, y0, y1, self._n)]
         if not turned:
-            return hermite(t, t0, y0, t1, y1)
-        near = y0[: y0.size // 2]
+            return hermite(t, t0, y0, t1, y1, self._n)
         ends = seen(np.stack([y0, y1]), turned, ON, np.zeros_like(near))
-        return np.asarray(seen(hermite(t, t0, ends[0], t1, ends[1])[np.newaxis], turned, BACK, near)[0])
+        return np.asarray(seen(hermite(t, t0, ends[0], t1, ends[1], self._n)[np.newaxis], turned, BACK, near)[0])
 
     def among(self, t: float, times: Array, states: Array) -> Array:
-        """Interpolate the state at t, s, between two neighbours of states, (k, 2n), at times, (k,)."""
+        """Interpolate the state at t, s, between two neighbours of states, (k, size), at times, (k,)."""
         k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), times.size - 2)
         return self.at(t, float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
 
-def _is_turned(places: tuple[int, int], y0: Array, y1: Array) -> bool:
+def _is_turned(places: tuple[int, int], y0: Array, y1: Array, n: int) -> bool:
     """Return whether the other chart of a joint is better for a step between two states: farther from singular."""
     states, beta = np.stack([y0, y1]), places[0] + 1
     if np.abs(np.cos(states[:, beta])).min() >= SINGULAR:
         return False
-    other = seen(states, [places], ON, np.zeros(y0.size // 2))
+    other = seen(states, [places], ON, np.zeros(n))
     return bool(np.abs(np.cos(other[:, beta])).min() > np.abs(np.cos(states[:, beta])).min())
 
 
-def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
-    """Interpolate the state at t on the cubic through q and v at both ends, (2n,)."""
-    n, h = y0.size // 2, t1 - t0
+def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array, n: int) -> Array:
+    """Interpolate the state (q, v, z) at t on the cubic through q and v at both ends, (n,) each, and z linearly."""
+    h, (q0, v0, z0), (q1, v1, z1) = t1 - t0, np.split(y0, [n, 2 * n]), np.split(y1, [n, 2 * n])
     x = (t - t0) / h
-    d = y1[:n] - y0[:n]
-    a = h * (y0[n:] + y1[n:]) - 2.0 * d
-    b = 3.0 * d - h * (2.0 * y0[n:] + y1[n:])
-    q = y0[:n] + x * (h * y0[n:] + x * (b + x * a))
-    return np.concatenate([q, y0[n:] + x * (2.0 * b + 3.0 * x * a) / h])
+    d = q1 - q0
+    a = h * (v0 + v1) - 2.0 * d
+    b = 3.0 * d - h * (2.0 * v0 + v1)
+    q = q0 + x * (h * v0 + x * (b + x * a))
+    return np.concatenate([q, v0 + x * (2.0 * b + 3.0 * x * a) / h, z0 + x * (z1 - z0)])

@@ -23,10 +23,9 @@ from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
 from ..runtime.kernel import Kernel
 from ..runtime.methods.wrenches import WrenchLike
-from ..runtime.stepping.rollouts import cut_apart
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
-from .drives import drive_beside_states, drive_of, wrench_beside_states
+from .drives import drive_of
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .solve import integrate_by, system_of
 from .system import System
@@ -149,7 +148,7 @@ class ReferenceMotions:
         """
         if not self._states:
             self._states = [states[0], states[0]]
-            self._size, self._open, self._reach = np.zeros((3, states.shape[1] // 2))
+            self._size, self._open, self._reach = np.zeros((3, begin().n))
         wide, narrow = (self._follow(i, begin, times) for i in range(2))
         reached = min(len(wide), len(narrow))
         self._lost |= reached < times.size
@@ -169,10 +168,11 @@ class ReferenceMotions:
         if self._lost:
             return np.zeros((0, self._states[which].size))
         state = self._states[which].copy()
-        q, v = np.split(state, 2)
+        system = begin()
+        q, v = np.split(state, [system.n])
         finer = _halved(times, which + 1)
         try:
-            motion = integrate_by(self._plans[which], begin(), (q, v), finer)
+            motion = integrate_by(self._plans[which], system, (q, v), finer)
         except IntegrationStopped as stop:
             if stop.trajectory is None:
                 return np.zeros((0, state.size))
@@ -208,11 +208,11 @@ def _by(plan: IntegratorPlan, rtol: float) -> IntegratorPlan:
 
 
 def _less(states: Array, reference: Array, coordinates: tuple[str, ...]) -> Array:
-    """Return described states less those of a reference, (T, 2n).
+    """Return described states less those of a reference, (T, size).
 
     Of the angles that mean a rotation of three degrees of freedom those of the reference are taken that are nearest.
     """
-    near, half = reference.copy(), states.shape[1] // 2
+    near, half = reference.copy(), len(coordinates)
     for joint in rotating_joints(coordinates):
         places = index_of(coordinates, [component_name(joint, angle) for angle in ANGULAR])
         here, same = states[:, places], reference[:, places]
@@ -255,28 +255,27 @@ def global_error(
     if trajectory.coordinates != kernel.coordinates or (trajectory.internal_states or ()) != kernel.internal_states:
         got, allowed = listed(trajectory.coordinates), listed(kernel.coordinates)
         raise InputError(f"trajectory: is of {got}; allowed: a motion of {kernel.name}, of {allowed}")
-    drive, wrench = drive_beside_states(drive_of(kernel, drive), kernel), wrench_beside_states(wrench, kernel)
+    drive = drive_of(kernel, drive)
 
     def begin() -> System:
-        return system_of(kernel.augmented, drive, wrench, prescribed)
+        return system_of(kernel, drive, wrench, prescribed)
 
-    q, v, _ = trajectory.joined()
+    q, v = trajectory.q, trajectory.rates
     span = float(trajectory.t[-1] - trajectory.t[0])
     loads = begin().loads
-    plans = [plan_integration(kernel.augmented, IntegratorOptions(rtol=rtol), loads, q[0], span) for rtol in REFERENCES]
+    plans = [plan_integration(kernel, IntegratorOptions(rtol=rtol), loads, q[0], span) for rtol in REFERENCES]
     for pair in pairwise(plans):
         motions = ReferenceMotions(pair)
         errors = motions.extend(begin, trajectory.t, np.hstack([q, v]))
-        estimate = error_of(kernel.augmented, errors, motions)
+        estimate = error_of(kernel, errors, motions)
         if estimate.is_resolved:
             break
     return estimate
 
 
 def error_of(kernel: Kernel, errors: Array, motions: ReferenceMotions) -> GlobalError:
-    """Return errors of a kernel's states, (T, 2n), beside its references, with those of internal states apart."""
-    q, v = np.split(errors, 2, axis=1)
-    q, v, z = cut_apart(q, v, len(kernel.coordinates))
+    """Return errors of a kernel's states, (T, size), beside its references, with those of internal states apart."""
+    q, v, z = (np.ascontiguousarray(x) for x in np.split(errors, [kernel.n, 2 * kernel.n], axis=1))
     return GlobalError(
         coordinates=kernel.coordinates,
         q_error=q,

@@ -37,7 +37,7 @@ class Rest:
     ends: float
 
 
-def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
+def rests(kernel: Kernel, t: Array, q: Array, v: Array, z: Array) -> tuple[Rest, ...]:
     """Return the intervals in which friction held coordinates along a motion, by time, to the distance of samples.
 
     A coordinate sticks where it has Coulomb friction and its velocity is below ``NEAR`` smoothings, or as many of the
@@ -47,13 +47,15 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array) -> tuple[Rest, ...]:
     Args:
         kernel: with the parameters of the motion.
         t: times, (T,), s.
-        q, v: coordinates and velocities with the internal states behind them, (T, n).
+        q, v: coordinates and velocities, (T, n).
+        z: internal states, (T, m).
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     widths, intervals = smoothings(kernel), list[Rest]()
     if not (widths or kernel.internal_states) or t.size < 2:
         return ()
     rates = dict(zip(acting(kernel), np.hstack([v, v @ follower_matrix(kernel)[0].T]).T, strict=True))
+    rates |= dict(zip(kernel.internal_states, z.T, strict=True))
     laws = {name: x for name, x in law_numbers(kernel).items() if name not in kernel.prescribed}
     cut = {name: x for name, x in cut_numbers(kernel).items() if _has_coulomb_friction(x)}
     if cut:

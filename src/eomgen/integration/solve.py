@@ -19,11 +19,12 @@ from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.stepping.methods import SUNDIALS, Method
 from ..runtime.stepping.options import ErrorControl
 from ..runtime.stepping.reading_inputs import input_signals
+from ..runtime.stepping.rollouts import cut_apart
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
 from .closed import ClosedSystem
 from .contacts import ContactWatch
-from .drives import begin_of, drive_beside_states, drive_of, record_apart, wrench_beside_states
+from .drives import begin_of, drive_of
 from .plan import IntegratorOptions, IntegratorPlan, plan_integration
 from .resting import rests
 from .steps import Record, Samples, checked_times, fixed_step, output_times, reporter, rk4, sampled, tolerances
@@ -121,13 +122,11 @@ def integrate(  # noqa: PLR0913
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
-    drive = drive_beside_states(drive_of(kernel, drive), kernel)
-    system = system_of(kernel.augmented, drive, wrench_beside_states(wrench, kernel), prescribed)
+    system = system_of(kernel, drive_of(kernel, drive), wrench, prescribed)
     q, v = begin_of(kernel, q0, v0, z0)
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     span = float(times[-1] - times[0])
     plan = plan_integration(system.kernel, IntegratorOptions(method, rtol, atol, step), system.loads, q, span)
-    record = record_apart(record, kernel)
     try:
         motion = integrate_by(plan, system, (q, v), times, progress=progress, record=record, until=until, works=works)
     except IntegrationStopped as stop:
@@ -154,8 +153,8 @@ def integrate_by(
     Args:
         plan: the integrator.
         system: the equations of motion, not integrated before.
-        state: q and v at the first time, (n,) each; prescribed coordinates are put in place in these arrays, and C,
-            which goes on where it ended, takes them as they are, others as assembled.
+        state: q and v at the first time, internal states behind v; prescribed coordinates are put in place in these
+            arrays, and C, which goes on where it ended, takes them as they are, others as assembled.
         times: of the samples, s, (T,).
         progress, record, until, works: as of ``integrate``.
     """
@@ -202,9 +201,10 @@ def integrate_by(
         near = {}
         if margins is not None:
             near = {"margin": float(margins.min()), "margin_at": float(t[int(margins.argmin())])}
-        info = {**system.about(q, v), **near, "wall_s": time.perf_counter() - began}
+        info = {**system.about(q, v[:, : kernel.n]), **near, "wall_s": time.perf_counter() - began}
         method = plan.leading(system.counts, float(times[-1] - times[0]))
-        return {"method": method, "info": info, "contacts": tuple(watch.contacts), "rests": rests(kernel, t, q, v)}
+        held = rests(kernel, t, q, *cut_apart(v, kernel.n))
+        return {"method": method, "info": info, "contacts": tuple(watch.contacts), "rests": held}
 
     return trajectory_of(system, samples, run_until, described)
 

@@ -91,19 +91,15 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
 
 
 def _decay(kernel: Kernel, state: Array) -> float:
-    """Return how fast internal states follow in (q, v), (2n,), 1/s: the largest eigenvalue of their rates' slopes.
+    """Return how fast internal states follow in (q, v, z), 1/s: the largest eigenvalue of their rates' slopes.
 
     Of bristles that is sigma_0 |v| / g(v): it depends on the velocity, and no default for all of a motion is good.
     """
-    n, states = kernel.n, len(kernel.internal_states)
-    change = DIFFERENCE * np.maximum(np.abs(state[-states:]), internal_state_sizes(kernel))
-    vs, q, u = np.tile(state[n:], (2, states, 1)), np.broadcast_to(state[:n], (2, states, n)), np.zeros(n)
-    each, places = np.arange(states), np.arange(n - states, n)
-    for side, sign in enumerate((-1.0, 1.0)):
-        vs[side, each, places] += sign * change
+    q, v, z = np.split(state, [kernel.n, 2 * kernel.n])
+    change = np.diag(DIFFERENCE * np.maximum(np.abs(z), internal_state_sizes(kernel)))
     try:
-        rates = np.asarray(kernel.forward_dynamics(q.reshape(-1, n), vs.reshape(-1, n), u)).reshape(2, states, n)
-        slopes = (rates[1] - rates[0])[:, places] / (2.0 * change[:, np.newaxis])
+        rates = kernel.internal_state_derivatives(q, v, np.stack([z - change, z + change]))
+        slopes = (rates[1] - rates[0]) / (2.0 * np.diagonal(change)[:, np.newaxis])
         return float(np.abs(np.linalg.eigvals(slopes)).max())
     except (EomgenError, np.linalg.LinAlgError):  # as the next step says
         return 0.0
@@ -114,7 +110,7 @@ class Samples:
 
     Attributes:
         times: (T,), s.
-        states: q and v there, (T, 2n).
+        states: q, v and internal states there, (T, size).
         done: how many are there; the first one is at the beginning.
     """
 
@@ -123,7 +119,7 @@ class Samples:
         self.states[0] = y0
 
     def take(self, states: Array) -> None:
-        """Append the next ones, (k, 2n), and pass them on to ``record``."""
+        """Append the next ones, (k, size), and pass them on to ``record``."""
         rows = slice(self.done, self.done + len(states))
         self.states[rows] = states
         self.done = rows.stop
@@ -265,9 +261,9 @@ def sampled(
 
 
 def _between(solver: Any, system: System, times: Array, begin: tuple[float, Array], watch: ContactWatch) -> Array:
-    """Interpolate (q, v), (k, 2n), at times within the last step, which began at ``begin``; locates contacts, too."""
+    """Interpolate (q, v, z), (k, size), within the last step, which began at ``begin``; locates contacts, too."""
     if not (times.size or watch.is_needed):
-        return np.empty((0, 2 * system.n))
+        return np.empty((0, system.size))
     between = solver.dense_output()
 
     def at(t: float) -> Array:
@@ -275,23 +271,18 @@ def _between(solver: Any, system: System, times: Array, begin: tuple[float, Arra
 
     if watch.is_needed:
         watch.find(*begin, solver.t, system.expand(np.array([solver.t]), solver.y[np.newaxis])[0], at)
-    return system.expand(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
+    return system.expand(times, between(times).T) if times.size else np.empty((0, system.size))
 
 
 def tolerances(system: System, q0: Array, options: IntegratorOptions) -> Array:
-    """Return absolute tolerances of (q, v), (2n,)."""
-    n, rtol, atol, kernel = system.n, options.rtol, options.atol, system.kernel
+    """Return absolute tolerances of (q, v, z), (size,)."""
+    rtol, atol, kernel = options.rtol, options.atol, system.kernel
+    sizes = np.zeros(system.size)
     if atol is None or kernel.internal_states:
         q_sizes, v_sizes = coordinate_sizes(kernel, q0)
-        sizes = np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(kernel, q0))])
-        if atol is None:
-            return sizes
-        atol = joined_tolerances(kernel.calls, atol, sizes)
-    wanted = numbers_in("atol", atol, f"a number or shape ({2 * n},)", finite=False)
-    try:
-        tolerance = np.broadcast_to(wanted, (2 * n,))
-    except ValueError:
-        raise ArrayError(f"atol: expected a number or shape ({2 * n},), got shape {np.shape(atol)}") from None
+        rates = np.minimum(rtol * v_sizes, rubbing_rates(kernel, q0))
+        sizes = np.concatenate([rtol * q_sizes, rates, rtol * np.array(internal_state_sizes(kernel))])
+    tolerance = sizes if atol is None else joined_tolerances(kernel.calls, atol, sizes)
     if not (np.isfinite(tolerance).all() and (tolerance >= 0.0).all()):
         raise InputError("atol: tolerances are finite and at least 0")
     return tolerance

@@ -12,12 +12,15 @@ from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
 from ..runtime.arrays import numbers_in
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import with_wrench
 from ..runtime.methods.wrenches import WrenchLike, wrench_rows
+from ..runtime.raw import name_of
 from ..runtime.stepping.motions import SingleMotion
 from ..runtime.stepping.packed_inputs import PackedInputs
 from ..runtime.stepping.reading_inputs import NamedWrenches
-from ..state.drives import drive_jacobian, has_drives
-from ..state.springs import coordinate_sizes, rate_step, smoothings
+from ..runtime.stepping.rollouts import cut_apart
+from ..state.drives import acceleration_slopes, drive_jacobian, has_drives, is_of_drive, places_of_forces
+from ..state.springs import rate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 
 MANY = 4096  # states of which forces are looked at together
@@ -79,7 +82,9 @@ def _numbers(label: str, value: ArrayLike, t: float, shape: tuple[int, ...]) -> 
 
 
 class System:
-    """The equations of motion as y' = f(t, y), y = (q, v) or some of it, with their Jacobian; counts its calls.
+    """The equations of motion as y' = f(t, y), y = (q, v, z) or some of it, with their Jacobian; counts its calls.
+
+    Internal states z stand behind velocities: an argument ``v`` of methods is (n + m,), where loads get (n,).
 
     Whatever ``kernel.checks`` says, a drive, wrench, prescribed motion, state or acceleration that is not finite is an
     ArrayError that names it.  With ``advance`` evaluations that lead nowhere are an IntegrationError.
@@ -89,6 +94,7 @@ class System:
         loaded: the time-signal inputs, if C integrated with them.
         worked: the motion in C that integrates work integrals, if one does.
         works_at_end: work integrals of such a motion that ended before its last sample, (4,), J.
+        n, size: number of coordinates, and of (q, v, z).
         tolerance_share: factor of tolerances for y, below 1 where y is some of the state.
     """
 
@@ -103,12 +109,13 @@ class System:
     ) -> None:
         if kernel.dtype != np.float64:
             raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")
-        self.kernel, self.n = kernel, kernel.n
+        self.kernel, self.n, self.size = kernel, kernel.n, kernel.n + kernel.calls.rates
         self.here = kernel
         self._drive = drive
         self._prescribed = prescribed
         self._prescribed_index = [kernel.coordinates.index(name) for name in kernel.prescribed]
         self._free = ~prescribed_mask(kernel)
+        self._free_rates = np.append(self._free, np.ones(len(kernel.internal_states), np.bool_))
         if self._prescribed_index and prescribed is None:
             raise InputError(f"prescribed: the motion of {', '.join(kernel.prescribed)} is missing")
         if prescribed is not None and not self._prescribed_index:
@@ -137,28 +144,28 @@ class System:
         return self._drive, self._wrench, self._prescribed
 
     def begin(self, t: float, q: Array, v: Array) -> Array:
-        """Return y of the initial state, q and v, (n,) each; corrects these in place where loops or charts need it."""
+        """Return y of the initial state, q and v; corrects these in place where loops or charts need it."""
         return np.concatenate([q, v])
 
     @property
     def index(self) -> Index:
-        """Places of y in (q, v)."""
-        return np.arange(2 * self.n)
+        """Places of y in (q, v, z)."""
+        return np.arange(self.size)
 
     def resume(self, whole: Array) -> Array:
-        """Restart from (q, v), (2n,), in the coordinates of ``here``; return y."""
+        """Restart from (q, v, z), (size,), in the coordinates of ``here``; return y."""
         return whole
 
     def described(self, whole: Array) -> Array:
-        """Convert states (q, v), (N, 2n), from the coordinates of ``here`` to those of the description."""
+        """Convert states (q, v, z), (N, size), from the coordinates of ``here`` to those of the description."""
         return whole
 
     def expand(self, times: Array, ys: Array) -> Array:
-        """Expand reduced states y, (N, size), at times, (N,), to (q, v), (N, 2n)."""
+        """Expand reduced states y, (N, k), at times, (N,), to (q, v, z), (N, size)."""
         return ys
 
     def accept(self, t: float, y: Array) -> tuple[Array, Array, bool]:
-        """Accept a step that led to t: return the next y, (q, v), (2n,), and whether the chart changed."""
+        """Accept a step that led to t: return the next y, (q, v, z), and whether the chart changed."""
         return y, y, False
 
     def margins(self, q: Array) -> Array | None:
@@ -189,16 +196,19 @@ class System:
         q[self._prescribed_index], v[self._prescribed_index] = motion[:2]
         return motion[2]
 
+    def apart(self, rates: Array) -> tuple[Array, Array | None]:
+        """Return velocities, (..., n), and internal states, which stand behind them; None without such."""
+        return cut_apart(rates, self.n) if self.kernel.internal_states else (rates, None)
+
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """Evaluate actuator forces in a state, (n,): the drives, and forces of prescribed motions."""
         u = np.array(self.drives(t, q, v))
         if self._prescribed_index:
             u[self._prescribed_index] = self.prescribe(t, q, v)
-            wrench = self.wrench(t, q, v)
-            a = self.here.forward_dynamics(q, v, u, wrench=wrench)
-            u[self._prescribed_index] = self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[
-                self._prescribed_index
-            ]
+            (velocities, z), wrench = self.apart(v), self.wrench(t, q, v)
+            a = self.here.forward_dynamics(q, velocities, u, z, wrench=wrench)
+            needed = self.here.inverse_dynamics(q, velocities, a, z=z, wrench=wrench, cut=True)
+            u[self._prescribed_index] = needed[self._prescribed_index]
         return u
 
     def forces_over(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
@@ -231,12 +241,13 @@ class System:
     def _loaded_forces(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
         """Evaluate ``forces_over`` from time-signal inputs."""
         assert self.loaded is not None
-        u = self.loaded.drives(times, q, v)
+        u = np.ascontiguousarray(self.loaded.drives(times, q, v)[:, : self.n])
         if self._prescribed_index:
             wrench = self._wrench
             if callable(wrench):
                 each = zip(times.tolist(), q, v, strict=True)
-                wrench = np.array([wrench_rows(self.kernel.calls, state[1], wrench(*state)) for state in each])
+                pulls = ((q, wrench(t, q, v[: self.n])) for t, q, v in each)
+                wrench = np.array([wrench_rows(self.kernel.calls, *pull) for pull in pulls])
             for first in range(0, len(u), MANY):
                 rows = slice(first, first + MANY)
                 pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
@@ -252,9 +263,9 @@ class System:
 
     def _prescribed_forces(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
         """Compute forces of prescribed motions, at their columns of (T, n), where u has their accelerations."""
-        kernel = self.here.replaced(checks=False)
-        a = kernel.forward_dynamics(q, v, u, wrench=wrench)
-        return np.asarray(kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True))
+        kernel, (v, z) = self.here.replaced(checks=False), self.apart(v)
+        a = kernel.forward_dynamics(q, v, u, z, wrench=wrench)
+        return np.asarray(kernel.inverse_dynamics(q, v, a, z=z, wrench=wrench, cut=True))
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """Evaluate the drives in one state, (n,), or a batch, (N, n)."""
@@ -262,7 +273,7 @@ class System:
             return self._no_drive if q.ndim == 1 else np.zeros_like(q)
         if q.ndim == 2 and not self._batched:
             return np.array([self.drives(t, *state) for state in zip(q, v, strict=True)])
-        u = _numbers("drive", self._drive(t, q, v), t, q.shape)
+        u = _numbers("drive", self._drive(t, q, self.apart(v)[0]), t, q.shape)
         if u.shape != q.shape:
             raise ArrayError(f"drive: expected forces of shape {q.shape}, got shape {u.shape} at t = {t:.6g} s")
         self._refuse_not_finite("drive", u, t)
@@ -272,7 +283,7 @@ class System:
         """Evaluate external wrenches in one state, (links, 6)."""
         if not callable(self._wrench):
             return self._wrench
-        wrench = wrench_rows(self.kernel.calls, q, self._wrench(t, q, v))
+        wrench = wrench_rows(self.kernel.calls, q, self._wrench(t, q, self.apart(v)[0]))
         if wrench is None:
             return None
         rows = len(self.kernel.links), 6
@@ -284,7 +295,7 @@ class System:
     def _refuse_not_finite(self, label: str, values: Array, t: float) -> None:
         """Raise ArrayError where one of the values, (n,), (N, n) or wrenches, is not finite."""
         if not np.isfinite(values).all():
-            shape = (len(self.kernel.links), 6) if label == "wrench" else (self.n,)
+            shape = (len(self.kernel.links), 6) if label == "wrench" else values.shape[-1:]
             self.kernel.calls.arrays.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
 
     def evaluated(self, t: float, y: Array) -> None:
@@ -311,8 +322,13 @@ class System:
         if self._prescribed_index:
             u = np.array(u)
             u[self._prescribed_index] = a
-        result[: self.n] = v
-        self.here.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
+        result[: self.n] = v[: self.n]
+        if self.kernel.internal_states:
+            (v, z), calls, name = self.apart(v), self.here.calls, name_of(self.here.forward_dynamics)
+            values, forces = ((q, v, u), None) if wrench is None else with_wrench(calls, name, (q, v, u), wrench)
+            calls.run(name, result[self.n :], calls.arguments(name, values, z, forces), whole=True)
+        else:
+            self.here.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
         self._refuse_not_finite("acceleration", result[self.n :], t)
         return result
 
@@ -332,7 +348,7 @@ class System:
             self.trouble = error
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """Evaluate dy'/dy, (2n, 2n): M da = -d(residual) at constant a.
+        """Evaluate dy'/dy, (size, size): M da = -d(residual) at constant a.
 
         Without residual_jacobian the kernel's derivatives of accelerations count.  They are not the first choice,
         since compilers take 1.4 times as long for them, 5 s more for 36 coordinates, and one takes 0.04 ms less.
@@ -340,41 +356,47 @@ class System:
         self.counts["jacobians"] += 1
         n, y = self.n, y.copy()
         prescribed = self.prescribe(t, y[:n], y[n:])
-        jacobian = np.zeros((2 * n, 2 * n))
-        jacobian[:n, n:] = np.eye(n)
-        free = self._free
+        jacobian = np.zeros((self.size, self.size))
+        jacobian[:n, n : 2 * n] = np.eye(n)
+        free = self._free_rates
         has, here = self.here.raw.has, self.here
         if has(here.forward_dynamics_jacobian) and not has(here.residual_jacobian):
             jacobian[n:] = self._acceleration_slopes(t, y[:n], y[n:], prescribed)
         else:
             dtau_dq, dtau_dv, M = self._slopes(t, y[:n], y[n:], self.derivative(t, y)[n:])
             jacobian[n:][free] = -np.linalg.solve(M[np.ix_(free, free)], np.hstack([dtau_dq, dtau_dv])[free])
-        jacobian[:, np.tile(~free, 2)] = 0.0  # what is prescribed depends on time alone
+        jacobian[:, ~np.append(self._free, free)] = 0.0  # what is prescribed depends on time alone
         return jacobian
 
     def _acceleration_slopes(self, t: float, q: Array, v: Array, prescribed: Array) -> Array:
-        """Differentiate accelerations by (q, v), (n, 2n); ``prescribed`` are those of prescribed coordinates, (m,)."""
-        u, wrench = np.array(self.drives(t, q, v)), self.wrench(t, q, v)
+        """Differentiate rates by (q, v, z), (n + m, size); ``prescribed`` are accelerations of such coordinates."""
+        u, forces = np.array(self.drives(t, q, v)), None
+        wrench = self.wrench(t, q, v)
         if wrench is not None:
-            u = self.here.calls.arrays.beside_drives(u, self.here.functions.external_force(q, wrench))
+            u, forces = self.here.calls.arrays.beside_drives(u, self.here.functions.external_force(q, wrench))
         u[self._prescribed_index] = prescribed
-        da_dq, da_dv, da_du = self.here.forward_dynamics_jacobian(q, v, u)
-        slopes, loads = np.hstack([da_dq, da_dv]), self._load_slopes(t, q, v)
-        return np.asarray(slopes if loads is None else slopes + da_du[:, self._free] @ loads[self._free])
+        da_dq, da_dv, da_du = acceleration_slopes(self.here, q, v, u, forces)
+        slopes, loads = np.hstack([da_dq[:, : self.n], da_dv]), self._load_slopes(t, q, v)
+        return np.asarray(slopes if loads is None else slopes + da_du[:, self._free_rates] @ loads[self._free_rates])
 
     def residual(self, t: float, y: Array, slopes: Array) -> Array:
-        """Evaluate F(t, y, y'), (2n,): q' - v, and the residual of the equations of motion at a = v'."""
+        """Evaluate F(t, y, y'), (size,): q' - v, the residual of the equations of motion at a = v', and z' less its
+        value.
+        """
         self.evaluated(t, y)
         n, y = self.n, y.copy()
         q, v, a = y[:n], y[n:], slopes[n:].copy()
         prescribed = self.prescribe(t, q, v)
         wrench = self.wrench(t, q, v)
         u = self.drives(t, q, v)
+        v, z = self.apart(v)
+        a, states = a[:n], a[n:]
         if has_drives(self.here):
-            left = self.here.residual(q, v, a, u, wrench=wrench)
+            left = self.here.residual(q, v, a, u, z=z, wrench=wrench)
         else:
-            left = self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True) - u
-        residuals = np.concatenate([slopes[:n] - v, left])
+            left = self.here.inverse_dynamics(q, v, a, z=z, wrench=wrench, cut=True) - u
+        rest = states if z is None else states - self.here.internal_state_derivatives(q, v, z, u)
+        residuals = np.concatenate([slopes[:n] - v, left, rest])
         if self._prescribed_index:
             residuals[n:][self._prescribed_index] = a[self._prescribed_index] - prescribed
         self._refuse_not_finite("velocity residual", residuals[:n], t)
@@ -382,74 +404,93 @@ class System:
         return residuals
 
     def residual_jacobian(self, t: float, y: Array, slopes: Array, c: float) -> Array:
-        """Evaluate dF/dy + c dF/dy', (2n, 2n)."""
+        """Evaluate dF/dy + c dF/dy', (size, size)."""
         self.counts["jacobians"] += 1
         n, y = self.n, y.copy()
         self.prescribe(t, y[:n], y[n:])
         dtau_dq, dtau_dv, M = self._slopes(t, y[:n], y[n:], slopes[n:].copy())
-        unit = np.eye(n)
-        jacobian = np.block([[c * unit, -unit], [dtau_dq, dtau_dv + c * M]])
+        inertias = np.append(np.ones(n), np.diagonal(M)[n:])[:, np.newaxis]  # of internal states: F has their rates
+        rates = np.eye(n, self.size - n)
+        jacobian = np.block([[c * np.eye(n), -rates], [dtau_dq / inertias, (dtau_dv + c * M) / inertias]])
         fixed = np.flatnonzero(~self._free)
         jacobian[:, np.concatenate([fixed, n + fixed])] = 0.0
         jacobian[n + fixed] = 0.0
         jacobian[fixed, fixed] = jacobian[n + fixed, n + fixed] = c
-        jacobian[n:, n + fixed] += np.where(self._free[:, None], c * M[:, fixed], 0.0)
+        jacobian[n:, n + fixed] += np.where(self._free_rates[:, None], c * M[:, fixed], 0.0)
         return jacobian
 
     def _slopes(self, t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-        """Differentiate inverse dynamics less drives and wrenches by q and v at constant a; and M, (n, n) each.
+        """Differentiate inverse dynamics less drives and wrenches by q and by v and z at constant a; and M.
 
-        The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics.
+        Rows are those of coordinates, then of rates of internal states, whose inertias M has.  The kernel's exact ones
+        where it has them, else finite differences of a batch of inverse dynamics.
         """
         n, kernel = self.n, self.here
         if kernel.raw.has(kernel.residual_jacobian):
-            *exact, M = kernel.residual_jacobian(q, v, a)
-            slopes = np.hstack(exact)
+            velocities, z = self.apart(v)
+            values = (q, velocities, a[:n])
+            by_q, by_v, M = kernel.calls.run(kernel.residual_jacobian, None, values, z=z, whole=True)
+            slopes = np.hstack([by_q[:, :n], by_v])
         else:
-            qs, vs, steps = self._beside(q, v)
-            forces = kernel.inverse_dynamics(qs, vs, a, cut=True)
-            slopes, M = (forces[1:] - forces[0]).T / steps, kernel.mass_matrix(q)
+            slopes, M = self._differences_of_forces(q, v, a)
         loads = self._load_slopes(t, q, v)
         if has_drives(kernel):
             by_q, by_v, by_u = drive_jacobian(kernel, q, v, np.array(self.drives(t, q, v)))
-            slopes = slopes - np.hstack([by_q, by_v])
+            slopes = slopes - np.hstack([by_q[:, :n], by_v])
             loads = None if loads is None else by_u @ loads
         if loads is not None:
             slopes = slopes - loads
         return slopes[:, :n], slopes[:, n:], M
 
+    def _differences_of_forces(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Differentiate inverse dynamics and, with the sign of a residual, rates of states that are of no drive."""
+        n, kernel = self.n, self.here
+        qs, vs, steps = self._beside(q, v)
+        velocities, z = self.apart(vs)
+        forces = kernel.inverse_dynamics(qs, velocities, a[:n], z=z, cut=True)
+        M = kernel.mass_matrix(q)
+        if z is not None:
+            own = np.array([not is_of_drive(name) for name in kernel.internal_states])
+            rates = np.where(own, kernel.internal_state_derivatives(qs, velocities, z), 0.0)
+            forces = np.hstack([forces, -rates])
+            M = np.block([[M, np.zeros((n, own.size))], [np.zeros((own.size, n)), np.eye(own.size)]])
+        return np.asarray((forces[1:] - forces[0]).T / steps), M
+
     def _beside(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return a state and its perturbations, q and v, (2n + 1, n) each, and the steps, (2n,).
+        """Return a state and its perturbations, q and v, a row more than there are numbers, and the steps, (size,).
 
         Steps of velocities allow for the smoothing of friction.
         """
         n, kernel = self.n, self.here
         steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), rate_step(kernel) * np.maximum(1.0, np.abs(v))])
-        states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
-        states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
+        states = np.tile(np.concatenate([q, v]), (self.size + 1, 1))
+        states[np.arange(1, self.size + 1), np.arange(self.size)] += steps
         return np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]), steps
 
     def _load_slopes(self, t: float, q: Array, v: Array) -> Array | None:
-        """Differentiate drives and wrenches by (q, v), (n, 2n); None without any.
+        """Differentiate drives and wrenches by (q, v, z), (n + m, size); None without any.
+
+        Rows are columns of derivatives by u: those of forces beside drives with states are at their first states.
 
         Finite differences, of drives unless they have a method ``slopes``.  Wrenches that turn a link have exact ones,
         too, in a separate kernel; a compiler takes 0.5 s for it with one joint and 1 s with 36 coordinates, and a
         batch of one state per coordinate takes 0.01 ms.
         """
         n, wrench, exact = self.n, self.wrench(t, q, v), self._exact_slopes()
-        if wrench is None and (self._drive is None or exact is not None):
-            return None if exact is None else np.hstack(exact(t, q, v))
-        qs, vs, steps = self._beside(q, v)
-        slopes = np.zeros((n, 2 * n))
+        if wrench is None and self._drive is None:
+            return None
+        slopes = np.zeros((self.size - n, self.size))
         if exact is not None:
-            slopes[:] = np.hstack(exact(t, q, v))
-        elif self._drive is not None:
+            slopes[:n, : 2 * n] = np.hstack(exact(t, q, self.apart(v)[0]))
+            if wrench is None:
+                return slopes
+        qs, vs, steps = self._beside(q, v)
+        if exact is None and self._drive is not None:
             drives = self.drives(t, qs, vs)
-            slopes[:] = (drives[1:] - drives[0]).T / steps
+            slopes[:n] = (drives[1:] - drives[0]).T / steps
         if wrench is not None:
             forces = self.here.functions.external_force(qs[: n + 1], wrench)
-            forces = self.here.calls.arrays.beside_drives(np.zeros_like(forces), forces)
-            slopes[:, :n] += (forces[1:] - forces[0]).T / steps[:n]
+            slopes[places_of_forces(self.here), :n] += (forces[1:] - forces[0]).T / steps[:n]
         return slopes
 
     def _exact_slopes(self) -> Any:
@@ -462,19 +503,19 @@ class System:
         return self.ended(reason, t, self.described(y[np.newaxis])[0], seen)
 
     def ended(self, reason: str, t: float, whole: Array, seen: Array) -> IntegrationStopped:
-        """Return the error of a motion that ends at described (q, v), (2n,); ``seen`` is the state that shows it."""
-        q, v = np.split(whole.copy(), 2)
-        bad = np.flatnonzero(~np.isfinite(seen))
+        """Return the error of a motion that ends at described (q, v, z); ``seen`` is the state that shows it."""
+        q, v = np.split(whole.copy(), [self.n])
+        names, bad = self.kernel.calls.rate_names, np.flatnonzero(~np.isfinite(seen))
         name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:
-            name = self.kernel.calls.coordinates[int(bad[0]) % self.n]
+            name = names[int(bad[0]) - self.n * (bad[0] >= self.n)]
             what = f"{name} is not finite"
         elif name:  # the trouble says it
             return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
-            velocities, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
+            velocities, sizes = np.abs(seen[self.n :]), rate_sizes(self.kernel, q)
             worst = int(np.argmax(velocities / sizes) if velocities.any() else np.argmin(sizes))
-            name = self.kernel.calls.coordinates[worst]
+            name = names[worst]
             what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
             if not velocities.any():
                 what = f"nothing moves, {name} is the stiffest"

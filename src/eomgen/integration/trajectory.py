@@ -15,6 +15,7 @@ from ..names import component_name
 from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.rollouts import cut_apart
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular
@@ -69,13 +70,11 @@ class Trajectory(Shown, Tabular):
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
 
     def apart(self, kernel: Kernel) -> Trajectory:
-        """Return the motion of a kernel's coordinates, and internal states, which stood behind them in v, as ``z``."""
-        n = len(kernel.coordinates)
-        if n == len(self.coordinates):
+        """Return the motion with internal states of a kernel, which stood behind velocities, as ``z``."""
+        if not kernel.internal_states:
             return self
-        q, v, u, z = (np.ascontiguousarray(x) for x in (self.q[:, :n], self.v[:, :n], self.u[:, :n], self.v[:, n:]))
+        v, z = cut_apart(self.v, kernel.n)
         names: dict[str, Any] = {
-            "coordinates": kernel.coordinates,
             "internal_states": kernel.internal_states,
             "internal_state_units": kernel.internal_state_units,
         }
@@ -83,14 +82,12 @@ class Trajectory(Shown, Tabular):
         if any(not x.is_force for x in inputs.values()):
             units = (inputs[name].unit if name in inputs else force_unit_of(name) for name in kernel.coordinates)
             names["input_units"] = tuple(units)
-        return replace(self, q=q, v=v, u=u, z=z, **names)
+        return replace(self, v=v, z=z, **names)
 
-    def joined(self) -> tuple[Array, Array, Array]:
-        """Return q, v and u as augmented arrays, (T, n) each: with internal states behind the coordinates, if any."""
-        if self.z is None:
-            return self.q, self.v, self.u
-        nothing = np.zeros_like(self.z)
-        return tuple(np.hstack(pair) for pair in ((self.q, nothing), (self.v, self.z), (self.u, nothing)))  # type: ignore[return-value]
+    @property
+    def rates(self) -> Array:
+        """Velocities, (T, n), with internal states behind them, if any."""
+        return self.v if self.z is None else np.hstack([self.v, self.z])
 
     def of(self, coordinate: str) -> Array:
         """Return a coordinate or an internal state over time, (T,); InputError if there is none of that name."""
@@ -194,7 +191,8 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[dict[str,
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, trouble = system.forces_over(times, q, v)
     end = len(u)
-    energy = np.asarray(system.kernel.replaced(checks=False).energy(q[:end], v[:end]))
+    velocities, z = system.apart(v[:end])
+    energy = np.asarray(system.kernel.replaced(checks=False).energy(q[:end], velocities, z=z))
     bad = ~np.isfinite(energy).all(axis=1)
     if bad.any():
         end = int(bad.argmax())

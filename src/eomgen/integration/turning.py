@@ -33,8 +33,8 @@ class TurningSystem(System):
 
     @property
     def index(self) -> Index:
-        """Places of y in described (q, v): of joints in their other chart, translations along that chart's axes."""
-        places = np.arange(2 * self.n)
+        """Places of y in described (q, v, z): of joints in their other chart, translations along that chart's axes."""
+        places = np.arange(self.size)
         for _, origin in self._turns.places:
             for first in () if origin < 0 else (origin, self.n + origin):
                 places[first : first + 3] = np.roll(places[first : first + 3], -ON)
@@ -45,17 +45,17 @@ class TurningSystem(System):
         self._reference = q.copy()
         whole = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
         unchanged = whole.copy()
-        y = super().begin(t, *np.split(whole, 2))
+        y = super().begin(t, *np.split(whole, [self.n]))
         if not np.array_equal(whole, unchanged):
-            q[:], v[:] = np.split(self.described(whole[np.newaxis])[0], 2)
+            q[:], v[:] = np.split(self.described(whole[np.newaxis])[0], [self.n])
         return y
 
     def expand(self, times: Array, ys: Array) -> Array:
-        """Expand states y, (N, size), at times, (N,), to described (q, v), (N, 2n), unwrapped from the last state."""
+        """Expand states y, (N, k), at times, (N,), to described (q, v, z), (N, size), unwrapped from the last state."""
         return self.described(super().expand(times, ys))
 
     def described(self, whole: Array) -> Array:
-        """Convert states (q, v), (N, 2n), from the coordinates of ``here`` to those of the description."""
+        """Convert states (q, v, z), (N, size), from the coordinates of ``here`` to those of the description."""
         return self._turns.back(whole, self._reference)
 
     def accept(self, t: float, y: Array) -> tuple[Array, Array, bool]:
@@ -107,11 +107,11 @@ class TurningSystem(System):
     def _described_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return described q and v of one state, or of a batch of states about one."""
         ys = np.atleast_2d(np.concatenate([q, v], axis=-1))
-        states = self.described(ys).reshape(*q.shape[:-1], 2 * self.n)
+        states = self.described(ys).reshape(*q.shape[:-1], self.size)
         return states[..., : self.n], states[..., self.n :]
 
     def _turn(self, turned: frozenset[str], whole: Array) -> Array:
-        """Switch these joints to their other chart from now on; return a described state's (q, v) there, (2n,)."""
+        """Switch these joints to their other chart from now on; return a described state's (q, v, z) there."""
         self._turns.take(turned)
         self.here = self._turns.here
         return np.array(self._turns.on(whole[np.newaxis])[0])

@@ -33,8 +33,8 @@ class Reached(Exception):
 
     Attributes:
         t: s.
-        state: there, (2n,).
-        at: t -> the state before, (2n,); None where samples before are taken.
+        state: there, (q, v, z).
+        at: t -> the state before; None where samples before are taken.
         begins: time and state at the beginning of the step.
         until: what is reached.
     """
@@ -49,7 +49,7 @@ class Reached(Exception):
         """Refine the event by steps to its time, instead of a polynomial between two steps' ends.
 
         Args:
-            move: t, state there, and a later time -> the state then, (2n,).
+            move: t, state there, and a later time -> the state then.
         """
         (t0, y0), t = self.begins, self.t
         before, gap0, state = t0, float(self.until.of(y0[np.newaxis])[0]), self.state
@@ -71,10 +71,12 @@ class Until:
 
     Attributes:
         text: what is reached, for notes.
-        beyond: (q, v), (N, n) each -> how far the number is beyond the value, (N,).
+        n: number of coordinates.
+        beyond: (q, v), (N, n) each, v with internal states behind -> how far the number is beyond the value, (N,).
     """
 
     text: str
+    n: int
     beyond: Callable[[Array, Array], Array]
 
     @classmethod
@@ -84,15 +86,15 @@ class Until:
         Raises:
             InputError: there is no coordinate or state of that name, or the value is not finite.
         """
-        names = kernel.augmented.calls.coordinates
+        names = kernel.calls.rate_names
         if name not in names:
             raise InputError(f"until: {show(name)}{nearest(name, names)} is no coordinate; allowed: {listed(names)}")
         _refuse_not_finite("value", value)
         i = names.index(name)
         if name in kernel.internal_states:
             unit = kernel.internal_state_units[kernel.internal_states.index(name)]
-            return cls(f"{name} = {value:g} {unit}", lambda q, v: v[:, i] - value)
-        return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
+            return cls(f"{name} = {value:g} {unit}", kernel.n, lambda q, v: v[:, i] - value)
+        return cls(f"{name} = {value:g} {unit_of(name)}", kernel.n, lambda q, v: q[:, i] - value)
 
     @classmethod
     def distance(cls, kernel: Kernel, frame: str, point: ArrayLike, distance: float) -> Until:
@@ -114,17 +116,17 @@ class Until:
             raise InputError(f"until: distance: got {distance!r}; allowed: a distance in m greater than 0")
 
         def beyond(q: Array, v: Array) -> Array:
-            origin = np.asarray(kernel.augmented.frame_pose(np.ascontiguousarray(q), frame))[:, :3, 3]
+            origin = np.asarray(kernel.frame_pose(np.ascontiguousarray(q), frame))[:, :3, 3]
             return np.asarray(np.linalg.norm(origin - place, axis=1) - distance)
 
-        return cls(f"{frame} at {distance:g} m from {place.tolist()}", beyond)
+        return cls(f"{frame} at {distance:g} m from {place.tolist()}", kernel.n, beyond)
 
     def look(self, times: Array, states: Array, at: Callable[[float], Array]) -> None:
-        """Look for the value between successive states, (k, 2n), at times, (k,), s.
+        """Look for the value between successive states, (k, size), at times, (k,), s.
 
         Args:
             times, states: of the ends of steps.
-            at: t -> the state between, (2n,).
+            at: t -> the state between.
 
         Raises:
             Reached: it is there.
@@ -138,9 +140,8 @@ class Until:
         raise Reached(t, at(t), at, (begin, states[k]), self)
 
     def of(self, states: Array) -> Array:
-        """Return the number less the value in states, (N, 2n), (N,)."""
-        n = states.shape[1] // 2
-        return self.beyond(states[:, :n], states[:, n:])
+        """Return the number less the value in states (q, v, z), (N, size), (N,)."""
+        return self.beyond(states[:, : self.n], states[:, self.n :])
 
 
 def _refuse_not_finite(label: str, number: float) -> None:

@@ -11,7 +11,9 @@ from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError, check_kind
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
+from ..runtime.methods.bound import evaluate
 from ..runtime.methods.wrenches import WrenchLike, wrench_rows
+from ..runtime.raw import name_of
 from ..runtime.singular import inertias
 from ..runtime.turning import singular_joints
 from ..state.drives import DrivesAtRest, is_of_drive
@@ -22,10 +24,10 @@ from ..state.equilibrium import (
     rest_within_limits,
     static_equilibrium,
 )
-from ..state.internal_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
+from ..state.internal_states import StatesLike, refuse_moving, state_values
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.turning import Turns
-from ..state.vectors import Q_STEP
+from ..state.vectors import Q_STEP, state_vector
 from .chart import Chart
 
 ROUNDS = 100
@@ -64,18 +66,17 @@ def closed_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, fixed=fixed, wrench=wrench, z=z)[0]
-    guess, width = joined_vector(kernel, "q_guess", q_guess, kernel.calls.coordinates), kernel.n
-    kernel = kernel.augmented
+    guess = state_vector("q_guess", q_guess, kernel.coordinates)
     kept = known_coordinates(fixed, kernel) | set(kernel.prescribed)
-    stays = np.array([name in kept or name in kernel.internal_states for name in kernel.calls.coordinates])
-    inputs, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
+    stays = np.array([name in kept for name in kernel.coordinates])
+    inputs, drives = given_forces(kernel, u), DrivesAtRest(kernel)
     places = drives.places(guess, inputs, kept)
     guess[list(places)] = list(places.values())
     q = kernel.assemble(guess, kept | {kernel.coordinates[i] for i in places})
     states = state_values(kernel, z)
     refuse_moving(kernel, states)
     states[[is_of_drive(name) for name in kernel.internal_states]] = 0.0  # which exert nothing where they have no error
-    balance = _Balance(kernel, at_rest_with(kernel, states), wrench, stays)
+    balance = _Balance(kernel, states if kernel.internal_states else None, wrench, stays)
 
     def rest(limited: bool) -> tuple[Array, Array]:
         def exerted(qs: Array) -> Array:
@@ -88,22 +89,22 @@ def closed_equilibrium(
         forces = exerted(balanced) + balance.holding(balanced, acting, list(places))
         return balanced, drives.alone(forces, inputs(balanced))
 
-    return rest_within_limits(drives, rest, kept)[0][:width]
+    return rest_within_limits(drives, rest, kept)[0]
 
 
 class _Balance:
     """Imbalance of a mechanism's forces, in angles that are not singular."""
 
-    def __init__(self, kernel: Kernel, rates: Array, wrench: WrenchLike | None, fixed: Mask) -> None:
+    def __init__(self, kernel: Kernel, z: Array | None, wrench: WrenchLike | None, fixed: Mask) -> None:
         """Begin with what acts on it.
 
         Args:
             kernel: of the mechanism.
-            rates: velocities at rest with internal states, (n,).
+            z: internal states, (m,), or None without any.
             wrench: external wrenches.
             fixed: which coordinates stay, (n,).
         """
-        self.kernel, self._rates, self._wrench, self._fixed = kernel, rates, wrench, fixed
+        self.kernel, self._z, self._wrench, self._fixed = kernel, z, wrench, fixed
         self._turns = Turns(kernel, fixed)
 
     def near(self, q: Array, acting: Callable[[Array], Array], places: list[int]) -> Array:
@@ -151,11 +152,12 @@ class _Balance:
         turns, kernel = self._turns, self.kernel
 
         def imbalance(qs: Array) -> Array:
-            zero, still = np.zeros_like(qs), np.broadcast_to(self._rates, qs.shape)
-            described = turns.q_back(qs, near)
-            u_here = turns.forces(acting(described), described, qs)
+            zero, described, calls = np.zeros_like(qs), turns.q_back(qs, near), turns.here.calls
+            u_here, forces = np.split(turns.forces(acting(described), described, qs), [kernel.n], axis=-1)
             wrench = wrench_rows(kernel.calls, described, self._wrench)
-            return np.asarray(turns.here.residual(qs, still, zero, u_here, wrench=wrench))
+            name = name_of(kernel.residual)
+            values = calls.arguments(name, (qs, zero, zero, u_here), self._z, forces)
+            return evaluate(calls, name, values, wrench=wrench)
 
         return imbalance
 

@@ -156,17 +156,19 @@ class _Check:
 
     def _of_steps(self, rollout: RawFunction, called: str) -> Iterator[str]:
         """Compare velocities after one step from rest by each method with the accelerations there."""
-        name, n, dt = rollout.name, self.expected["q"].shape[1], STEP[str(self.raw.dtype)]
+        name, dt = rollout.name, STEP[str(self.raw.dtype)]
         for method, state in itertools.product(_methods(name), range(STATES)):
             if self.expected[f"{name} status"][state] != PASSES:
                 continue
-            q, u = (self._pointer(self.expected[x][state].copy()) for x in "qu")
-            at, moved = (q, self._pointer(np.zeros(n))), np.zeros((2, 2 * n), self.raw.dtype)
-            drive, views = self.library.drive(u=u), tuple(map(self.raw.view, moved))
+            inputs = [self.expected[x][state] for x in ("u", "forces") if x in self.expected]
+            start = self.expected["q"][state], np.zeros(self.expected[name].shape[1])
+            at, moved = tuple(map(self._pointer, start)), [np.zeros((2, x.size), self.raw.dtype) for x in start]
+            u = self._pointer(np.concatenate(inputs))
+            drive, views = self.library.drive(u=u), tuple(self.raw.view(x.reshape(-1)) for x in moved)
             step = self._adaptive_step if rollout.kind == ADAPTIVE else self._fixed_step
             if not step(rollout, called != name, drive, dt, method, at, views):
                 yield f"{called} takes no step by method {method}"
-            wanted, velocities = self.expected[name][state], moved[1, n:].astype(np.float64)
+            wanted, velocities = self.expected[name][state], moved[1][1].astype(np.float64)
             near = self.expected[f"{name} near"][state] + ITERATED * self.eps * np.abs(wanted).max(initial=0.0)
             yield from self._compared(f"{called} by method {method}", velocities / dt, wanted, near)
 
@@ -174,16 +176,17 @@ class _Check:
         self, rollout: RawFunction, is_batch: bool, drive: Any, dt: float, method: int, at: Any, views: Any
     ) -> bool:
         """Take one step; return whether it was taken."""
-        how, n = (drive, dt, 1, 1, method, *views), self.expected["q"].shape[1]
+        how = drive, dt, 1, 1, method, *views
         if is_batch:
-            return bool(rollout.batch(1, self.h, at[0], n, at[1], n, *how) == -1)
+            return bool(rollout.batch(1, self.h, at[0], 0, at[1], 0, *how) == -1)
         return bool(rollout.code(self.h, *at, *how) == -1)
 
     def _adaptive_step(
         self, rollout: RawFunction, is_batch: bool, drive: Any, dt: float, method: int, at: Any, views: Any
     ) -> bool:
         """Take one step, whatever its error is; return whether it was taken."""
-        most = self._pointer(np.full(2 * self.expected["q"].shape[1], np.finfo(self.raw.dtype).max))
+        numbers = self.expected["q"].shape[1] + self.expected[rollout.name].shape[1]
+        most = self._pointer(np.full(numbers, np.finfo(self.raw.dtype).max))
         allowed = self.library.new("tolerance", rtol=0.0, atol=most, most=1)
         progress, times = self.library.new("progress", next=dt), FFI.from_buffer("double[]", np.array([0.0, dt]))
         how = (times, 1, method, *at, *views, progress)

@@ -24,7 +24,7 @@ VELOCITY = {"angle": 3.0, "length": 1.0, "deviation": 0.1}  # rad/s or m/s
 ACCELERATION = 10.0  # rad/s^2 or m/s^2
 FORCE = 100.0  # N or N m: of drives and of wrenches
 OTHER = 1.0  # of all else that a kernel reads: internal states, rows of derivatives
-USUAL = {"a": ACCELERATION, "u": FORCE, "wrench": FORCE, "multipliers": FORCE}
+USUAL = {"a": ACCELERATION, **dict.fromkeys(("u", "forces", "wrench", "multipliers"), FORCE)}
 DEFLECTION = "deflection"  # of a gear: "deflection:joint2"
 APART = ("v", "a", "u")  # arrays whose elements are named with a prefix: "v:joint2.gamma"
 
@@ -179,11 +179,13 @@ def _places(model: Model) -> dict[str, tuple[str, int | None]]:
     """Return array and place of every name of a range; None for a whole array."""
     places: dict[str, tuple[str, int | None]] = {name: ("q", i) for i, name in enumerate(model.coordinates)}
     for array in APART:
-        places |= {f"{array}:{name}": (array, i) for i, name in enumerate(model.velocities)}
+        places |= {f"{array}:{name}": (array, i) for i, name in enumerate(model.coordinates)}
+    places |= {f"z:{name}": ("z", i) for i, name in enumerate(model.internal_states)}
+    places |= {f"forces:{model.coordinates[i]}": ("forces", k) for k, i in enumerate(model.drives)}
     places |= {name: ("p", i) for i, name in enumerate(model.parameters)}
     geared = [joint.name for joint in model.robot.joints if joint.motor is not None]
     places |= {f"{DEFLECTION}:{name}": (DEFLECTION, i) for i, name in enumerate(geared)}
-    return places | {array: (array, None) for array in ("q", *APART, "wrench")}
+    return places | {array: (array, None) for array in ("q", *APART, "z", "forces", "wrench") if array in shapes(model)}
 
 
 def input_name(model: Model, array: str, place: int) -> str:

@@ -18,11 +18,11 @@ def output_units(model: Model, kernel: str, names: Sequence[str]) -> tuple[str, 
     writes = signature.writes
     if writes == "pair":
         return ("J",) * len(names)
-    if writes == "constrained" or (signature.solves and writes == "vector"):
+    if writes == "constrained" or (signature.solves and writes == "rate_vector"):
         return (*(f"{unit}/s^2" if unit else "" for unit in kinds), *[""] * (len(names) - len(kinds)))
-    if writes == "vector":
+    if writes in ("vector", "rate_vector"):
         return tuple(
-            force_unit_of(name) if unit in ("m", "rad") else "" for name, unit in zip(names, kinds, strict=True)
+            force_unit_of(name) if unit in ("m", "rad") else "" for name, unit in zip(names, kinds, strict=False)
         )
     if signature.symmetric and not signature.needs and all(unit in ("m", "rad") for unit in kinds):
         angles = [int(unit == "rad") for unit in kinds]

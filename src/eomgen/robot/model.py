@@ -100,15 +100,12 @@ class Model:
 
     @property
     def size(self) -> int:
-        """n, the number of coordinates and, behind them, of internal states (``internal_states``)."""
+        """n + m, the number of what has a rate: coordinates and, behind them, internal states (``internal_states``)."""
         return len(self.coordinates) + len(self.internal_states)
 
     @cached_property
     def internal_states(self) -> tuple[str, ...]:
-        """Names of the internal states, such as "joint1.gamma.friction.z": velocities of inertias without a link.
-
-        In arrays of the state they stand behind the coordinates.  What their positions are acts on nothing.
-        """
+        """Names of the internal states, such as "joint1.gamma.friction.z": velocities of inertias without a link."""
         return tuple(state.name for state in self.states)
 
     @cached_property
@@ -128,14 +125,6 @@ class Model:
         for k, x in enumerate(self.states, len(self.coordinates)):
             places[x.prefix, x.law] = (*places.get((x.prefix, x.law), ()), k)
         return places
-
-    @cached_property
-    def beside(self) -> dict[int, int]:
-        """Index of every coordinate with a drive, with the place in arrays of drives of a force beside the drive.
-
-        At the coordinate stands the drive's input; the other place is that of the drive's first state.
-        """
-        return {i: states[0] for i, states in self.drives.items()}
 
     @cached_property
     def drives(self) -> dict[int, tuple[int, ...]]:
@@ -382,7 +371,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
         joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
     whole = build_model(replace(model.robot, joints=tuple(joints)), with_followers=True)
     whole = replace(whole, facts=model.facts)
-    return whole, tuple(whole.velocities.index(name) for name in model.velocities)
+    return whole, tuple(whole.coordinates.index(name) for name in model.coordinates)
 
 
 def _check_names(robot: Robot) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays import Array
 
-UNUSED = 1e30  # size of a number that acts on nothing, whose error no step looks at
 REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; the deflection of a spring under it is the size
 
 
@@ -21,11 +18,3 @@ def deviation_sizes(stiffness: Array, inertia: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore"):
         period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)
     return np.minimum(1.0, REFERENCE_ACCELERATION * period**2), np.minimum(1.0, REFERENCE_ACCELERATION * period)
-
-
-def with_states(q: Array, v: Array, states: Sequence[float]) -> tuple[Array, Array]:
-    """Return sizes of coordinates and velocities with those of internal states behind them, (n,) each.
-
-    States stand among velocities; what is beside them in q acts on nothing.
-    """
-    return np.concatenate([q, np.full(len(states), UNUSED)]), np.concatenate([v, np.asarray(states, np.float64)])

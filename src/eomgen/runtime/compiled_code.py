@@ -11,18 +11,13 @@ import numpy as np
 from ..errors import InputError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
-from .calls import Calls, SplitCalls
+from .calls import Calls
 from .direct import ExtensionBinding
 from .methods.bound import DECLARED, BoundFunctions
 from .methods.functions import Functions
 from .methods.kernel_methods import KernelMethods
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
-
-
-def _augmented(kernel: CompiledCode) -> CompiledCode:
-    """Return a kernel with augmented arrays, of one that was pickled."""
-    return kernel.augmented
 
 
 class CompiledCode(KernelMethods):
@@ -78,30 +73,10 @@ class CompiledCode(KernelMethods):
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
         self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
-        arrays = Arrays(self.raw, (*self.coordinates, *self.internal_states), self.links)
+        arrays = Arrays(self.raw, self.coordinates, self.links)
         self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
-        if self.internal_states:
-            self.calls = SplitCalls(self.calls)
         self._binding = binding or ExtensionBinding()
         self._take_calls(self.calls)
-
-    @property
-    def augmented(self) -> Self:
-        """This kernel with augmented arrays: internal states stand behind coordinates, as in the C (``SplitCalls``).
-
-        It is for integrators and linear systems; parameters are those of this kernel, also when they change.
-        """
-        if self.calls.augmented is self.calls:
-            return self
-        known: Self | None = self.__dict__.get("_augmented")
-        if known is None or known.parameters is not self.parameters:
-            known = self.__dict__["_augmented"] = self._with_calls(self.calls.augmented)
-        return known
-
-    @property
-    def split(self) -> Self:
-        """The kernel of which this is ``augmented``: z is an array of its own."""
-        return self._with_calls(SplitCalls(self.calls)) if self._is_augmented else self
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -135,8 +110,6 @@ class CompiledCode(KernelMethods):
                 f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
                 " eomgen.build and of generated packages"
             )
-        if self._is_augmented:
-            return _augmented, (self.split,)
         state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
         return *self._again, state
 
@@ -150,11 +123,6 @@ class CompiledCode(KernelMethods):
     def n(self) -> int:
         """Number of coordinates."""
         return self.calls.n
-
-    @property
-    def _is_augmented(self) -> bool:
-        """True of a kernel with augmented arrays, see ``augmented``."""
-        return bool(self.internal_states) and self.calls.augmented is self.calls
 
     def replaced(
         self,
@@ -184,7 +152,6 @@ class CompiledCode(KernelMethods):
             other = self._with_calls(self.calls.with_parameters(self.parameters.copy()))
         else:
             other = type(self)(libraries, self._again, self._binding, self._opener)
-            other = other.augmented if self._is_augmented else other
             other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         if parameters is not None:
             other.parameters.update(parameters)

@@ -25,7 +25,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     Beside the equations of motion there are, in groups:
 
     - derivatives: ``forward_dynamics_jacobian``, ``residual_jacobian``, ``rollout_sensitivity``, ``close_series``;
-    - copies and settings: ``replaced``, ``threads``, ``checks``, ``augmented``, ``split``;
+    - copies and settings: ``replaced``, ``threads``, ``checks``;
     - the description: ``n``, ``home``, ``limits``, ``ratio``, ``regressor_names``, ``regressor_values``, ``blocks``;
     - ``functions``: all functions of the C, also those of springs, force elements, cut joints, constraints and sensors.
 
@@ -86,8 +86,8 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
             u: drives, (n,); zeros by default.
         """
         drives = np.zeros(self.n, self.dtype) if u is None else u
-        joined = self.calls.join_arguments(name_of(self.forward_dynamics), (q, v, drives), z)
-        return np.ascontiguousarray(self.augmented.forward_dynamics(*joined)[..., self.n :])
+        whole = self.calls.run(self.forward_dynamics, None, (q, v, drives), z=z, whole=True)
+        return np.ascontiguousarray(whole[..., self.n :])
 
     def constraint_forces(
         self,

@@ -310,10 +310,10 @@ def free_coordinates(calls: Calls, fixed: Iterable[str], label: str = "fixed") -
         raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
     kept = {*([fixed] if isinstance(fixed, str) else names_in(label, fixed))}
     for name in kept:
-        if name not in calls.coordinates or name in calls.internal_states:
-            known = ", ".join(x for x in calls.coordinates if x not in calls.internal_states)
+        if name not in calls.coordinates:
+            known = ", ".join(calls.coordinates)
             raise UnknownNameError(f"{label}: {show(name)} is unknown; known: {known}")
-    kept |= {*calls.prescribed, *calls.internal_states}
+    kept |= {*calls.prescribed}
     return np.array([name not in kept for name in calls.coordinates])
 
 

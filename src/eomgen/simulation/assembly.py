@@ -110,11 +110,6 @@ class Assembly:
     notes: tuple[str, ...] = ()
 
     @property
-    def augmented(self) -> Kernel:
-        """The kernel with augmented arrays, in which the motion is integrated; drives and wrenches take them."""
-        return self.kernel.augmented
-
-    @property
     def shown(self) -> Program | None:
         """The reference that results are compared with."""
         return self.program if self.wanted is None else self.wanted
@@ -158,8 +153,7 @@ def assemble(
         )
     initial_q = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
-    plain = _kernel(changing, scenario, kernels, report)
-    kernel = plain.augmented
+    kernel = _kernel(changing, scenario, kernels, report)
     if ahead is not None and kernels is None and not robot.is_closed:
         _begin(ahead, kernel, kernels_of(robot, scenario), turns_of(kernel, scenario.integrator))
 
@@ -203,11 +197,11 @@ def assemble(
         drive, begun, notes = feedforward_start(robot, scenario, control, kernel, moved_by, Gains(kp, kd))
     if control.get("saturate"):
         drive = _saturated(scenario, kernel, driven, drive, mechanism)
-    wrenches = Wrenches(scenario, robot, plain) if scenario.wrenches else None
+    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
     until = _until(scenario, robot, kernel)
     return Assembly(
-        plain, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
+        kernel, driven, initial_q, program, drive, wrenches, prescribed, path, until, facts, wanted, begun, notes
     )
 
 
@@ -293,7 +287,7 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the kernels that the scenario's integrator may call."""
     rollouts = _rollouts(scenario)
     closing = mechanism_kernels(robot)
-    drives = ELECTRIC_DRIVES if build_model(robot).beside else ()
+    drives = ELECTRIC_DRIVES if build_model(robot).drives else ()
     if closing:
         return (*closing, *kernel_group(robot, CLOSED_SIMULATION, drives), *rollouts)
     if drives or rollouts or scenario.integrator.method in EXPLICIT_METHODS:
@@ -319,7 +313,7 @@ def _may_run_in_c(scenario: Scenario) -> bool:
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
     """Return the assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel.augmented))
+    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel))
 
 
 def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:

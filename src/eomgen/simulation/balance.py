@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.input_signals import WORKS
+from ..runtime.stepping.rollouts import cut_apart
 from ..shown import Shown
 from ..state.drives import has_drives
 from ..state.vectors import prescribed_mask
@@ -110,14 +111,23 @@ def with_nodes(edges: Array) -> Array:
 
 
 def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
-    """Integrate work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; arguments at all of its times."""
-    prescribed = prescribed_mask(kernel)
+    """Integrate work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; arguments at all of its times.
+
+    Internal states stand behind velocities.
+    """
+    prescribed, n, run = prescribed_mask(kernel), kernel.n, kernel.calls.run
     power = np.zeros((t.size, len(TERMS)))
-    by_drive = (kernel.functions.drive_forces(q, v, u) if has_drives(kernel) else u) * v
+    velocities, z = cut_apart(v, n)
+    by_drive = u * velocities
+    if has_drives(kernel):
+        by_drive = run(kernel.functions.drive_forces, None, (q, velocities, u), z=z, whole=True) * v
+        prescribed = np.append(prescribed, np.zeros(v.shape[1] - n, np.bool_))
     power[:, 0], power[:, 1] = by_drive[:, ~prescribed].sum(axis=1), by_drive[:, prescribed].sum(axis=1)
     if wrench is not None:
-        power[:, 2] = (kernel.functions.external_force(q, wrench) * v).sum(axis=1)
-    passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
+        power[:, 2] = (kernel.functions.external_force(q, wrench) * velocities).sum(axis=1)
+    still = np.zeros_like(q), np.zeros_like(z)
+    passive = run(kernel.generalized_force, None, (q, still[0]), z=still[1], whole=True)
+    passive = passive - run(kernel.generalized_force, None, (q, velocities), z=z, whole=True)
     power[:, 4] = (passive * v).sum(axis=1)
     spans = t[4::4] - t[:-1:4]
     rows = np.arange(spans.size)[:, np.newaxis] * 4 + np.arange(5)

@@ -18,8 +18,9 @@ from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
 from ..runtime.by_name import follower_matrix
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.rollouts import cut_apart
 from ..scenario.value import Scenario
-from ..state.drives import has_drives, settled
+from ..state.drives import has_drives, inputs_with, settled
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, journals_in_play, law_numbers, stiffnesses
 from .assembly import Assembly, by_coordinate, initial_internal_states, names_in_scenarios
@@ -27,23 +28,23 @@ from .loads import loaded_parameters
 
 
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return q and v at t = 0, and the names of the coordinates that nothing holds.
+    """Return q, and v with internal states behind it, at t = 0, and the names of the coordinates that nothing holds.
 
     Those of a feed-forward where the scenario says nothing else.
     """
-    initial, kernel = scenario.initial, assembly.augmented
+    initial, kernel = scenario.initial, assembly.kernel
     if assembly.begin is not None and not (initial and (initial.equilibrium or initial.q or initial.v)):
         q, v = (np.array(x) for x in assembly.begin)
-        return q, v, ()
+        return q, np.append(v, np.zeros(len(kernel.internal_states))), ()
     home = leading_home(robot)
-    q, v = np.array([home.get(name, 0.0) for name in kernel.calls.coordinates]), np.zeros(kernel.n)
+    q, v = np.array([home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.calls.rates)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
     for name, value in assembly.initial_q.items():
         q[kernel.coordinates.index(name)] = value
     for name, value in initial_internal_states(robot, scenario, kernel.internal_states).items():
-        v[kernel.calls.coordinates.index(name)] = value
+        v[kernel.calls.rate_names.index(name)] = value
     velocities = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in velocities.items():
         v[kernel.coordinates.index(name)] = value
@@ -69,7 +70,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     if settles:  # what controls a position finds it
         servos = {name for name in servos if kernel.inputs[name].meaning != "reference of position"}
     still = {*loose, *servos, *(names_in_scenarios(robot)[name] for name in fixed)}
-    q = _balanced(robot, scenario, assembly, (q, v[len(kernel.coordinates) :]), still)
+    q = _balanced(robot, scenario, assembly, (q, v[kernel.n :]), still)
     if settles:
         v, lost = _settled(scenario, assembly, q, v)
         loose = (*loose, *lost)
@@ -83,10 +84,11 @@ def _servos(kernel: Kernel) -> tuple[str, ...]:
 
 def _settled(scenario: Scenario, assembly: Assembly, q: Array, v: Array) -> tuple[Array, tuple[str, ...]]:
     """Return v with states of drives that hold the robot where it is, and the coordinates of drives that do not."""
-    kernel, zero, wrenches = assembly.augmented, np.zeros(assembly.augmented.n), assembly.wrenches
+    kernel, zero, wrenches = assembly.kernel, np.zeros(assembly.kernel.n), assembly.wrenches
+    velocities, z = cut_apart(v, kernel.n)
     u, wrench = assembly.drive.standstill()(0.0, q, zero), None if wrenches is None else wrenches(0.0, q, zero)
     try:
-        forces = kernel.inverse_dynamics(q, v, zero, wrench=wrench)
+        forces = kernel.inverse_dynamics(q, velocities, zero, z=z, wrench=wrench)
     except LoopError:  # these drives cannot hold it
         return v, _servos(kernel)
     try:
@@ -99,7 +101,7 @@ def _settled(scenario: Scenario, assembly: Assembly, q: Array, v: Array) -> tupl
 
 def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) -> tuple[Array, Array]:
     """Assemble the state; coordinates of the reference and the scenario stay, as far as they are independent."""
-    kernel, path = assembly.augmented, assembly.path
+    kernel, path = assembly.kernel, assembly.path
     fixed = [name for name in kernel.coordinates if name in assembly.initial_q]
     still = [name for name in kernel.coordinates if name in velocities]
     if path is not None:
@@ -111,8 +113,8 @@ def _closed(assembly: Assembly, q: Array, v: Array, velocities: Container[str]) 
         fixed, still = list(dict.fromkeys((*fixed, *moved))), list(dict.fromkeys((*still, *moved)))
     if not kernel.constraints:  # the loops are elastic
         return q, v
-    q = kernel.assemble(q, fixed)
-    return q, kernel.project_velocity(q, v, still)
+    q, (velocities, z) = kernel.assemble(q, fixed), cut_apart(v, kernel.n)
+    return q, np.append(kernel.project_velocity(q, velocities, still), z)
 
 
 def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
@@ -121,16 +123,16 @@ def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
         return set()
     return {
         motor
-        for motor, joint in assembly.augmented.motors.items()
+        for motor, joint in assembly.kernel.motors.items()
         if motor in robot.home and joint not in assembly.initial_q
     }
 
 
 def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of deviations that nothing holds, as in a clearance; a motor takes up its gear's backlash."""
-    kernel = assembly.augmented
+    kernel = assembly.kernel
     motors = shafts(kernel)
-    stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=False))  # internal states stand behind
+    stiff = dict(zip(kernel.coordinates, stiffnesses(kernel).tolist(), strict=True))
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in stiff.items() if k == 0.0}
@@ -149,8 +151,8 @@ def _balanced(
         begin: q, (n,), and the internal states, (m,), which stay.
         still: coordinates that are held.
     """
-    kernel, drive, wrenches, (q, z) = assembly.augmented, assembly.drive.standstill(), assembly.wrenches, begin
-    zero, beside = np.zeros(kernel.n), kernel.calls.arrays.beside_drives
+    kernel, drive, wrenches, (q, z) = assembly.kernel, assembly.drive.standstill(), assembly.wrenches, begin
+    zero = np.zeros(kernel.n)
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
     def forces(qs: Array) -> Array:
@@ -158,8 +160,10 @@ def _balanced(
         if wrenches is None:
             return u
         if qs.ndim == 1:
-            return beside(u, kernel.functions.external_force(qs, wrenches(0.0, qs, zero)))
-        return beside(u, kernel.functions.external_force(qs, np.array([wrenches(0.0, x, zero) for x in qs])))
+            pull = wrenches(0.0, qs, zero)
+        else:
+            pull = np.array([wrenches(0.0, x, zero) for x in qs])
+        return inputs_with(kernel, u, kernel.functions.external_force(qs, pull))
 
     states = z if z.size else None
     try:
@@ -190,7 +194,7 @@ def _overloaded(
         posture = _balanced(robot, scenario, free, begin, still)
     except IntegrationError:
         return ""
-    names = assembly.augmented.coordinates
+    names = assembly.kernel.coordinates
     u = free.drive.standstill()(0.0, posture, np.zeros_like(posture))
     overloaded = [
         f"{names[i]} would have to do {u[i]:.4g} {force_unit_of(names[i])}, its effort is {effort[i]:.4g}"

@@ -58,7 +58,7 @@ class Wrenches:
         force, moment = row[:3], row[3:]
         if wrench.axes == "base" and wrench.point is None:
             return row
-        R_0k = self._kernel.frame_pose(q[: self._kernel.n], wrench.link)[:3, :3]  # of augmented arrays, too
+        R_0k = self._kernel.frame_pose(q, wrench.link)[:3, :3]
         if wrench.axes == "link":
             force, moment = R_0k @ force, R_0k @ moment
         if wrench.point is not None:

@@ -43,6 +43,7 @@ from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.methods import EXPLICIT_METHODS, Method
+from ..runtime.stepping.rollouts import cut_apart
 from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.drives import has_drives
@@ -181,7 +182,7 @@ def run_assembly(
     global_error: bool = False,
 ) -> SimulationResult:
     """Run an assembled scenario, as ``run_scenario``; without ``balance`` faster."""
-    kernel = assembly.augmented
+    kernel = assembly.kernel
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)
     loads = loads_of(assembly)
@@ -202,7 +203,7 @@ def run_assembly(
 
     beside = references(plan, planned) if global_error else None
     options = SegmentOptions(plan, report, opened, balance, assembly.until, beside)
-    n = len(kernel.coordinates)
+    n = kernel.n
     try:
         segments = run_segments(kernel, robot, scenario, loads, q0, v0, options)
     except IntegrationStopped as stop:
@@ -222,7 +223,8 @@ def run_assembly(
         rigid_q[:, mechanism] = assembly.path.at(t)
     elif kernel.constraints:
         rigid_q = q
-    exerted = kernel.functions.drive_forces(q, motion.v, motion.u) if has_drives(kernel) else motion.u
+    v, z = cut_apart(motion.v, n)
+    exerted = kernel.functions.drive_forces(q, v, motion.u, z=z) if has_drives(kernel) else motion.u
     notes = [
         *_method_note(motion, plan),
         *_assumptions(robot, loose, scenario, assembly),
@@ -230,16 +232,14 @@ def run_assembly(
         *assembly.notes,
         *_beyond_stops(kernel, q0),
         *_large_goals(scenario, assembly.driven, program_q),
-        *excess_notes(
-            "the motion", excesses(robot, kernel.coordinates, t=t, q=q[:, :n], v=motion.v[:, :n], u=exerted[:, :n])
-        ),
+        *excess_notes("the motion", excesses(robot, kernel.coordinates, t=t, q=q, v=v, u=exerted)),
         *_clipped_note(assembly, motion),
         None if segments.balance is None else segments.balance.note(),
         *_end_note(assembly.until, motion),
     ]
     pose, estimate = np.asarray(kernel.frame_pose(q, tool)), segments.global_error
     if estimate is not None:
-        exact = np.asarray(kernel.frame_pose(q - _whole(kernel, estimate.q_error), tool))
+        exact = np.asarray(kernel.frame_pose(q - estimate.q_error, tool))
         turned = angle_between(exact, pose)
         estimate = replace(estimate, tool_error=pose[:, :3, 3] - exact[:, :3, 3], tool_rotation_error=turned)
     result = SimulationResult(
@@ -270,11 +270,6 @@ def run_assembly(
     return result
 
 
-def _whole(kernel: Kernel, q: Array) -> Array:
-    """Return coordinates, (T, n), as kernels take them: with zeros for internal states behind."""
-    return np.hstack([q, np.zeros((len(q), len(kernel.internal_states)))])
-
-
 def loads_of(assembly: Assembly) -> Loads:
     """Return the loads of an assembly's motion."""
     ends = (float(assembly.program.t[0]), float(assembly.program.t[-1])) if isinstance(assembly.program, Spline) else ()
@@ -284,14 +279,14 @@ def loads_of(assembly: Assembly) -> Loads:
 def plan_of(assembly: Assembly, scenario: Scenario, q: Array | None = None) -> IntegratorPlan:
     """Return the plan of an assembly's motion from q, (n,); errors as ``plan_integration``."""
     loads = assembly.drive, assembly.wrenches, assembly.prescribed
-    return plan_integration(assembly.augmented, scenario.integrator, loads, q, scenario.duration)
+    return plan_integration(assembly.kernel, scenario.integrator, loads, q, scenario.duration)
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Return the names of the coordinates that loops move: those of the rigid robot that nothing else moves."""
     if not robot.is_closed:
         return ()
-    moved = {*assembly.driven, *assembly.augmented.prescribed}
+    moved = {*assembly.driven, *assembly.kernel.prescribed}
     return tuple(name for name in rigid_coordinates(robot) if name not in moved)
 
 
@@ -348,7 +343,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assem
 
 def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
     """Say which coordinates start beyond a stop, in lines."""
-    places = dict(zip(kernel.calls.coordinates, q.tolist(), strict=True))
+    places = dict(zip(kernel.coordinates, q.tolist(), strict=True))
     places |= {name: float(place) for name, (place, _) in kernel.followers(q).items()}
     for name, (lower, upper) in stops(law_numbers(kernel)).items():
         place, unit = places[name], unit_of(name)

@@ -28,6 +28,7 @@ from ..progress import Progress
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.stepping.reading_inputs import signals_of
+from ..runtime.stepping.rollouts import cut_apart
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import SUBINTERVALS, TERMS, EnergyBalance, integrated, with_nodes, works
@@ -119,8 +120,7 @@ def run_segments(
     grid, stream = output_times(scenario.duration, scenario.output_step), options.stream
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
-        n = len(kernel.coordinates)
-        stream.append(grid[:1], q[np.newaxis, :n], v[np.newaxis, :n], v[np.newaxis, n:])
+        stream.append(grid[:1], q[np.newaxis], *cut_apart(v[np.newaxis], kernel.n))
     pieces: list[dict[str, Array]] = []
     done = np.zeros(len(TERMS))
     info: dict[str, float] = {}
@@ -139,7 +139,8 @@ def run_segments(
             stop = error
             break
         if energy is not None and scenario.payloads:
-            done[TERMS.index("payloads")] += float(kernel.energy(q, v).sum()) - energy
+            velocities, z = cut_apart(v, kernel.n) if kernel.internal_states else (v, None)
+            done[TERMS.index("payloads")] += float(kernel.energy(q, velocities, z=z).sum()) - energy
         piece["work"] = np.concatenate([[done], done + np.cumsum(piece["work"], axis=0)])
         done = piece["work"][-1].copy()
         q, v, energy = motion.q[-1].copy(), motion.v[-1].copy(), float(motion.energy[-1].sum())
@@ -161,10 +162,10 @@ def run_segments(
     estimate = None
     if options.references is not None:
         estimate = error_of(kernel, np.hstack([whole.pop(name) for name in ERRORS]), options.references)
-    sticking = rests(kernel, whole["t"], whole["q"], whole["v"])
+    sticking = rests(kernel, whole["t"], whole["q"], *cut_apart(whole["v"], kernel.n))
     taken = options.plan.leading(info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": sticking}
-    trajectory = Trajectory(**whole, coordinates=kernel.calls.coordinates, **about)
+    trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(
         trajectory, EnergyBalance(work, trajectory.energy) if options.balance else None, wrench, stop, estimate
     )
@@ -193,7 +194,7 @@ def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
     """Return a function that passes the samples of the grid on, prescribed coordinates as they are prescribed."""
-    prescribed, n = [kernel.coordinates.index(name) for name in kernel.prescribed], len(kernel.coordinates)
+    prescribed = [kernel.coordinates.index(name) for name in kernel.prescribed]
 
     def record(times: Array, states: Array) -> None:
         chosen = grid[np.minimum(np.searchsorted(grid, times), grid.size - 1)] == times
@@ -202,7 +203,7 @@ def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -
             for i, at in enumerate(t.tolist()):
                 q[i, prescribed], v[i, prescribed], _ = loads.prescribed(at)
         if t.size:
-            stream.append(t, q[:, :n], v[:, :n], v[:, n:])
+            stream.append(t, q, *cut_apart(v, kernel.n))
 
     return record
 
@@ -255,7 +256,9 @@ def _piece(
         motion = replace(good, **{name: getattr(good, name)[: times.size] for name in names})
     wrenches = None
     if wrench is not None:
-        wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), motion.q, motion.v, strict=True)])
+        wrenches = np.array(
+            [wrench(t, x, y[: kernel.n]) for t, x, y in zip(times.tolist(), motion.q, motion.v, strict=True)]
+        )
     samples = {name: getattr(motion, name)[::apart] for name in ("t", "q", "v", "u", "energy")}
     samples["t"] = edges
     if wrenches is not None:
@@ -268,7 +271,7 @@ def _piece(
         samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
     if how.references is not None:
         errors = how.references.extend(begin_system, edges, np.hstack([samples["q"], samples["v"]]))
-        samples |= dict(zip(ERRORS, np.split(errors, 2, axis=1), strict=True))
+        samples |= dict(zip(ERRORS, np.split(errors, [kernel.n], axis=1), strict=True))
     return samples, motion, stop
 
 

@@ -47,7 +47,7 @@ def may_run_side_by_side(assembly: Assembly, plan: IntegratorPlan) -> bool:
 
     With redundant constraints the projection of one state may depend on those beside it.
     """
-    return plan.in_c and assembly.until is None and not assembly.augmented.raw.libraries.meta.get("redundant", False)
+    return plan.in_c and assembly.until is None and not assembly.kernel.raw.libraries.meta.get("redundant", False)
 
 
 def run_side_by_side(
@@ -78,7 +78,7 @@ def run_side_by_side(
             starts[i] = initial_state(robot, scenario, assembly)[:2]
         except EomgenError as error:
             motions[i] = error
-    size = max(1, NUMBERS // (2 * grid.size * assemblies[0].augmented.n))
+    size = max(1, NUMBERS // (2 * grid.size * assemblies[0].kernel.calls.rates))
     order = list(starts)
     for k in range(0, len(order), size):
         some = order[k : k + size]
@@ -92,9 +92,7 @@ def run_side_by_side(
 
 def _alone(robot: Robot, scenario: Scenario, assembly: Assembly, tool: str) -> Motion:
     """Return a motion by itself, or the error that ends it."""
-    assembly.augmented.parameters.update(
-        loaded_parameters(robot, scenario, -np.inf)
-    )  # as before anything was picked up
+    assembly.kernel.parameters.update(loaded_parameters(robot, scenario, -np.inf))  # as before anything was picked up
     try:
         return run_assembly(robot, scenario, assembly, tool, lambda _fraction, _text: None, balance=False)
     except EomgenError as error:
@@ -165,7 +163,7 @@ class _Batch:
             return
         going, _, loads = zip(*systems, strict=True)
         q, v = (np.array([getattr(member, name) for member in going]) for name in "qv")
-        calls = [member.assembly.augmented.calls for member in going]
+        calls = [member.assembly.kernel.calls for member in going]
         control = per_step(ErrorControl(plan.method, plan.rtol, np.array(atols), plan.turns))
         motion = BatchMotion(calls, loads, times, q, v, control)
         while motion.go():
@@ -175,7 +173,7 @@ class _Batch:
             if not member.failed:
                 member.steps += motion.progress[k].steps
                 member.spans = {name: member.spans[name] + span for name, span in motion.turns[k].spans.items()}
-                self._take(member, system, data, times, motion.samples[:, k], keep)
+                self._take(member, system, data, times, tuple(x[k] for x in motion.samples), keep)
 
     def _between(self, member: _Member, times: Array) -> tuple[Function, Function | None]:
         """Return drives and wrenches of a piece."""
@@ -183,7 +181,7 @@ class _Batch:
 
     def _begin(self, member: _Member, times: Array) -> tuple[System, Array] | None:
         """Begin a piece: return equations and absolute tolerances; None where that is left to ``run_assembly``."""
-        kernel, plan, begin = member.assembly.augmented, self.plan, float(times[0])
+        kernel, plan, begin = member.assembly.kernel, self.plan, float(times[0])
         kernel.parameters.update(loaded_parameters(self.robot, self.scenario, begin))
         try:
             system = system_of(kernel, *self._between(member, times), member.loads.prescribed)
@@ -194,10 +192,10 @@ class _Batch:
             return None
 
     def _take(
-        self, member: _Member, system: System, data: InputSignals, times: Array, samples: Array, keep: Mask
+        self, member: _Member, system: System, data: InputSignals, times: Array, samples: Sequence[Array], keep: Mask
     ) -> None:
-        """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
-        kernel, (q, v) = member.assembly.augmented, samples
+        """Take the samples of a piece, q and v, (T, n); the last one is where the next piece begins."""
+        kernel, (q, v) = member.assembly.kernel, samples
         rows = {"q": q, "v": v}
         if DRIVES in self.parts or kernel.prescribed:  # which are put in place with them
             function = kernel.raw.adaptive
@@ -214,7 +212,7 @@ class _Batch:
         member.rows.append(rows if keep.all() else {name: values[keep] for name, values in rows.items()})
 
     def _result(self, member: _Member, t: Array, tool: str, programmed: Array | None) -> SimulationResult:
-        assembly, kernel = member.assembly, member.assembly.augmented
+        assembly, kernel = member.assembly, member.assembly.kernel
         whole: dict[str, Any] = {
             name: member.rows[0][name] if len(member.rows) == 1 else np.concatenate([row[name] for row in member.rows])
             for name in member.rows[0]
@@ -226,7 +224,7 @@ class _Batch:
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self.robot.name,
-            trajectory=Trajectory(*parts, kernel.calls.coordinates, method, info).apart(kernel),
+            trajectory=Trajectory(*parts, kernel.coordinates, method, info).apart(kernel),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,

@@ -17,6 +17,8 @@ from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
 from ..runtime.kernel import Kernel
 from ..runtime.methods.kernel_methods import KernelFunctions
+from ..runtime.raw import name_of
+from ..runtime.stepping.rollouts import cut_apart
 from .elements import element_numbers
 from .vectors import state_vector
 
@@ -48,20 +50,57 @@ def inputs_at(kernel: Kernel, q: Array, v: Array) -> Array:
 
 
 def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array, Array, Array]:
-    """Return derivatives of what drives and u do on all rows by q, v and u, (n, n) each.
+    """Return derivatives of what drives and u do on coordinates and, times inertias, on states, by q, v and u.
+
+    They are (n + m, n + m) each: columns of states stand behind those of coordinates, of u forces beside drives in
+    the columns of ``places_of_forces``.
 
     Args:
-        q, v, u: a state with those of laws, (n,), u as ``Kernel.forward_dynamics`` takes it.
+        q, v, u: a state, (n,), internal states behind v, u as ``Kernel.forward_dynamics`` takes it.
     """
-    by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, v, u))
-    inputs = np.diag(
-        [float(name not in kernel.internal_states or not is_of_drive(name)) for name in kernel.calls.coordinates]
-    )
-    for name, (_, _, place) in kernel.calls.raw.libraries.meta["inputs"].items():
-        i = kernel.coordinates.index(name)
-        inputs[i, place] = 1.0  # a force beside the drive
-        inputs[:, i] = by_u[:, i]
+    velocities, z = cut_apart(v, kernel.n)
+    by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, velocities, u), z=z, whole=True)
+    names = kernel.calls.rate_names
+    inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in names])
+    for i, place in enumerate(places_of_forces(kernel)):
+        if place != i:
+            inputs[i, place] = 1.0  # a force beside the drive
+            inputs[:, i] = by_u[:, i]
     return by_q, by_v, inputs
+
+
+def places_of_forces(kernel: Kernel) -> list[int]:
+    """Return the columns of derivatives by u that belong to a force on each coordinate: that of a drive's first state.
+
+    Of coordinates without a drive with states they are the coordinates' own.
+    """
+    names, drives = kernel.calls.rate_names, kernel.calls.arrays.drives
+    first = {name: next(k for k, x in enumerate(names) if x.startswith(f"{name}.{DRIVE}.")) for name in drives}
+    return [first.get(name, i) for i, name in enumerate(kernel.coordinates)]
+
+
+def inputs_with(kernel: Kernel, u: Array, forces: Array) -> Array:
+    """Return inputs of motions, (..., kernel.calls.inputs): u with forces, (..., n) each, in addition to drives."""
+    total, beside = kernel.calls.arrays.beside_drives(u, forces)
+    return total if beside is None else np.concatenate([total, beside], axis=-1)
+
+
+def acceleration_slopes(
+    kernel: Kernel, q: Array, v: Array, u: Array, forces: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Return derivatives of accelerations and of rates of internal states by q, by v and z, and by u.
+
+    They are (n + m, n + m) each, columns as of ``drive_jacobian``.
+
+    Args:
+        q, v, u: a state, (n,), internal states behind v.
+        forces: beside drives with states, (drives,); zeros by default.
+    """
+    name = name_of(kernel.forward_dynamics_jacobian)
+    velocities, z = cut_apart(v, kernel.n) if kernel.internal_states else (v, None)
+    values = kernel.calls.arguments(name, (q, velocities, u), z, forces)
+    by_q, by_v, by_u = kernel.calls.run(name, None, values, whole=True)
+    return by_q, by_v, by_u
 
 
 def drive_slopes(kernel: Kernel, q: Array, v: Array, u: Array | None) -> tuple[Array, Array, Array]:
@@ -84,14 +123,14 @@ class DrivesAtRest:
         laws, own = element_numbers(kernel, JOINTS), kernel.calls.raw.libraries.meta.get("inputs", {})
         self.kernel = kernel
         self.drives = {kernel.coordinates.index(name): standstill_of(laws[name]) for name in own}
-        self._beside = {kernel.coordinates.index(name): place for name, (_, _, place) in own.items()}
+        self._beside = {kernel.coordinates.index(name): kernel.n + place for name, (_, _, place) in own.items()}
 
     def places(self, q: Array, inputs: Callable[[Array], Array], kept: Container[str]) -> dict[int, float]:
         """Return where drives without an error hold their coordinates, m or rad, by index; others stay as they are.
 
         Args:
-            q: coordinates, (kernel.n,).
-            inputs: of all drives as a function of q, (kernel.n,).
+            q: coordinates, (n,).
+            inputs: of all drives as a function of q, (n,) or more.
             kept: names of coordinates that stay whatever their drives do.
 
         Raises:
@@ -114,36 +153,35 @@ class DrivesAtRest:
         return held
 
     def forces(self, q: Array, u: Array, *, limited: bool = True) -> Array:
-        """Return forces on coordinates of drives with an error, and of all else that u is, (..., kernel.n), N or N m.
+        """Return forces on coordinates of drives with an error, and of all else that u is, (..., n), N or N m.
 
         Args:
-            q, u: coordinates and inputs, (..., kernel.n); forces beside drives as ``Arrays.beside_drives`` has them.
+            q: coordinates, (..., n).
+            u: inputs, (..., kernel.calls.inputs), with forces beside drives behind.
             limited: whether limits of the drives count.
         """
         if not self.drives:
             return u
-        total: Array = u.copy()
+        total: Array = u[..., : self.kernel.n].copy()
         for i, one in self.drives.items():
             free = one if limited else one._replace(greatest=math.inf)
             pairs = zip(np.ravel(u[..., i]).tolist(), np.ravel(q[..., i]).tolist(), strict=True)
             exerted = [free.force(*pair) if one.compliance else 0.0 for pair in pairs]
-            beside = self._beside[i]
-            total[..., i] = np.reshape(exerted, u.shape[:-1]) + u[..., beside]
-            total[..., beside] = 0.0
+            total[..., i] = np.reshape(exerted, u.shape[:-1]) + u[..., self._beside[i]]
         return total
 
     def alone(self, forces: Array, u: Array) -> Array:
-        """Return forces, (kernel.n,), less those beside drives in u, (kernel.n,): what drives exert by themselves."""
+        """Return forces, (n,), less those beside drives in u: what drives exert by themselves."""
         result: Array = forces.copy()
         for i, beside in self._beside.items():
             result[i] -= u[beside]
         return result
 
     def beside(self, q: Array, forces: Array) -> Array:
-        """Return u, (..., kernel.n), with which forces act at rest beside drives that exert nothing."""
+        """Return u, (..., kernel.calls.inputs), with which forces act at rest beside drives that exert nothing."""
         if not self.drives:
             return forces
-        return self.kernel.calls.arrays.beside_drives(inputs_at(self.kernel, q, np.zeros_like(q)), forces)
+        return inputs_with(self.kernel, inputs_at(self.kernel, q, np.zeros_like(q)), forces)
 
     def overload(self, forces: Array, kept: Container[str] = ()) -> str:
         """Say which drives cannot exert forces, (n,) or more, within their limits; "" where all can."""
@@ -205,22 +243,22 @@ def settled(kernel: Kernel, q: Array, v: Array, u: Array, forces: Array) -> tupl
     """Return v with states of drives that hold a robot at rest, and the coordinates of drives whose input does not.
 
     Args:
-        q, v: a state at rest, (kernel.n,), with internal states behind velocities; those of drives that do not hold it
-            stay as they are.
-        u: inputs of the drives, (kernel.n,).
-        forces: on coordinates that hold it, (kernel.n,), N or N m.
+        q, v: a state at rest, (n,), with internal states behind velocities; those of drives that do not hold it stay
+            as they are.
+        u: inputs of the drives, (n,).
+        forces: on coordinates that hold it, (n,), N or N m.
 
     Raises:
         IntegrationError: limits of a drive do not leave its force; it is named, and the limit.
     """
     n = len(kernel.coordinates)
-    wanted, states = drives_at_rest(kernel, q[:n], forces[:n], v[n:])
+    wanted, states = drives_at_rest(kernel, q, forces, v[n:])
     drives, lost, result = DrivesAtRest(kernel).drives, list[str](), np.append(v[:n], states)
     for i, one in drives.items():
         error = abs(u[i] - wanted[i]) if one.heeds else 0.0
         if error > NEAR * max(abs(u[i]), abs(wanted[i]), abs(wanted[i] - q[i] * one.follows), TINY):
             own = f"{kernel.coordinates[i]}.{DRIVE}."
-            index = [k for k, name in enumerate(kernel.calls.coordinates) if name.startswith(own)]
+            index = [k for k, name in enumerate(kernel.calls.rate_names) if name.startswith(own)]
             result[index] = v[index]
             lost.append(kernel.coordinates[i])
     return result, tuple(lost)

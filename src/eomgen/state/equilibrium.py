@@ -14,7 +14,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.singular import inertias
 from .drives import DrivesAtRest
-from .internal_states import StatesLike, at_rest_with, joined_vector, refuse_moving, state_values
+from .internal_states import StatesLike, refuse_moving, state_values
 from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
@@ -57,17 +57,16 @@ def static_equilibrium(
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     if kernel.constraints:
         raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
-    q, width = joined_vector(kernel, "q_guess", q_guess, kernel.calls.coordinates), kernel.n
-    kernel = kernel.augmented
-    kept = known_coordinates(fixed, kernel) | set(kernel.prescribed) | set(kernel.internal_states)
-    free = np.array([name not in kept for name in kernel.calls.coordinates])
+    q = state_vector("q_guess", q_guess, kernel.coordinates)
+    kept = known_coordinates(fixed, kernel) | set(kernel.prescribed)
+    free = np.array([name not in kept for name in kernel.coordinates])
     states = state_values(kernel, z)
     refuse_moving(kernel, states)
-    zero, rates = np.zeros(kernel.n), at_rest_with(kernel, states)
-    applied, drives = given_forces(kernel, u, width), DrivesAtRest(kernel)
+    zero, at_rest = np.zeros(kernel.n), states if kernel.internal_states else None
+    applied, drives = given_forces(kernel, u), DrivesAtRest(kernel)
 
     def needed(qs: Array) -> Array:
-        return np.asarray(kernel.inverse_dynamics(qs, rates, zero, wrench=wrench, cut=True))
+        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, z=at_rest, wrench=wrench, cut=True))
 
     places = drives.places(q, applied, kept)
     q[list(places)], free[list(places)] = list(places.values()), False
@@ -79,8 +78,7 @@ def static_equilibrium(
         found = _newton(kernel, q, free, lambda qs: needed(qs) - exerted(qs))
         return found, drives.alone(np.where(free, exerted(found), needed(found)), applied(found))
 
-    q, forces = rest_within_limits(drives, rest, kept)
-    return q[:width], forces[:width]
+    return rest_within_limits(drives, rest, kept)
 
 
 def rest_within_limits(
@@ -111,27 +109,22 @@ def rest_within_limits(
     return q, forces
 
 
-def given_forces(
-    kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None, width: int
-) -> Callable[[Array], Array]:
-    """Return what drives are given as a function of q, (kernel.n,) or (N, kernel.n), that checks shapes.
+def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None) -> Callable[[Array], Array]:
+    """Return inputs, (..., kernel.calls.inputs), as a function of q, (n,) or (N, n), that checks shapes.
 
     Args:
-        u: of drives, as of ``static_equilibrium``, over the first ``width`` numbers of q.
+        u: of drives, as of ``static_equilibrium``; forces beside drives with states may stand behind.
     """
-    names = kernel.calls.coordinates[:width]
-    constant = np.zeros(width) if u is None or callable(u) else state_vector("u", u, names)
+    constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
+    wide = kernel.calls.inputs
 
     def applied(qs: Array) -> Array:
-        seen = qs[..., :width]
-        forces = np.asarray(u(seen), dtype=np.float64) if callable(u) else np.broadcast_to(constant, seen.shape)
-        if forces.shape != seen.shape:
-            raise ArrayError(f"u: expected forces of shape {seen.shape}, got shape {forces.shape}")
-        if width == kernel.n:
-            return forces
-        whole = np.zeros(qs.shape)
-        whole[..., :width] = forces
-        return whole
+        forces = np.asarray(u(qs), dtype=np.float64) if callable(u) else np.broadcast_to(constant, qs.shape)
+        if forces.shape == qs.shape:
+            return np.concatenate([forces, np.zeros((*qs.shape[:-1], wide - kernel.n))], axis=-1)
+        if forces.shape != (*qs.shape[:-1], wide):
+            raise ArrayError(f"u: expected forces of shape {qs.shape}, got shape {forces.shape}")
+        return forces
 
     return applied
 
@@ -164,7 +157,7 @@ def _newton(kernel: Kernel, q: Array, free: Mask, residual: Callable[[Array], Ar
         states[np.arange(1, index.size + 1), index] += Q_STEP
         r = residual(states)[:, free] / inertia  # as accelerations
         slopes = (r[1:] - r[0]).T / Q_STEP * size
-        refuse_singular(slopes, [kernel.calls.coordinates[i] for i in index], kernel.name)
+        refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
         change = -np.linalg.solve(slopes, r[0]) * size
         change *= 0.5 / max(0.5, np.abs(change).max())
         for factor in 0.5 ** np.arange(12):

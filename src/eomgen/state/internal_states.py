@@ -18,6 +18,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import listed, nearest_or_all, show, split_state
 from ..robot.internal_states.branches import BRANCHES
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.rollouts import cut_apart
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector
@@ -51,17 +52,6 @@ def state_values(kernel: Kernel, z: StatesLike | None) -> Array:
     return state_vector("z", [z.get(name, 0.0) for name in kernel.internal_states], kernel.internal_states)
 
 
-def joined_vector(kernel: Kernel, label: str, value: ArrayLike, names: tuple[str, ...]) -> Array:
-    """Return a vector over coordinates, by their names, as an augmented one: with zeros for internal states behind.
-
-    Raises:
-        ArrayError: it has another shape; the message begins with the label.
-    """
-    whole = np.zeros(kernel.augmented.n)
-    whole[: len(names)] = state_vector(label, value, names)
-    return whole
-
-
 def refuse_moving(kernel: Kernel, z: Array) -> None:
     """Refuse states of Maxwell branches, which a robot at rest does not have: they settle to 0.
 
@@ -74,8 +64,8 @@ def refuse_moving(kernel: Kernel, z: Array) -> None:
 
 
 def at_rest_with(kernel: Kernel, z: Array) -> Array:
-    """Return velocities of a robot at rest whose laws have states z, (m,): (kernel.n,), zeros, then z."""
-    return np.concatenate([np.zeros(len(kernel.coordinates)), z])
+    """Return velocities of a robot at rest, with the states z of its laws, (m,), behind, (n + m,)."""
+    return np.append(np.zeros(kernel.n), z)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +115,7 @@ class InternalStates(Shown):
         )
 
     def rates_by(self, forces: Array) -> Array:
-        """Return rates of the states, (p, inputs), by inputs that enter the equations as forces, (kernel.n, inputs)."""
+        """Return rates of the states, (p, inputs), by inputs that enter the equations as forces, (n + m, inputs)."""
         return np.asarray(forces[self.places] / self.inertia[:, np.newaxis])
 
 
@@ -134,10 +124,10 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
 
     Args:
         kernel: whose they are.
-        slopes: derivatives of the residual by q, v and a, (kernel.n, kernel.n) each.
-        basis, basis_rate: change of all coordinates per independent one, and its rate along the motion, (kernel.n, m).
+        slopes: derivatives of the residual by q, v and a, as of ``slopes_of``.
+        basis, basis_rate: change of all coordinates per independent one, and its rate along the motion, (n, m).
     """
-    index = np.arange(len(kernel.coordinates), kernel.n)
+    n, index = kernel.n, np.arange(kernel.n, kernel.calls.rates)
     K, D, M = slopes
     inertia = np.diagonal(M)[index]
     by_q, by_v = (-matrix[index] / inertia[:, np.newaxis] for matrix in (K, D))
@@ -145,9 +135,9 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
         names=kernel.internal_states,
         places=index,
         inertia=inertia,
-        acts=basis.T @ D[:, index],
-        by_q=by_q @ basis + by_v @ basis_rate,
-        by_v=by_v @ basis,
+        acts=basis.T @ D[:n, index],
+        by_q=by_q[:, :n] @ basis + by_v[:, :n] @ basis_rate,
+        by_v=by_v[:, :n] @ basis,
         by_z=by_v[:, index],
     )
 
@@ -155,8 +145,9 @@ def states_of(kernel: Kernel, slopes: tuple[Array, Array, Array], basis: Array, 
 def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array, u: Array | None = None) -> tuple[Array, Array, Array]:
     """Return derivatives of the residual by q, v and a, with internal states at rest the means of both directions.
 
-    Bristles that are bent yield in the one direction and not in the other.  Drives are within their limits, or where
-    inputs u of them, (kernel.n,), leave them.
+    They are (n + m, n + m) each: rows and columns of internal states stand behind those of coordinates.  Bristles that
+    are bent yield in the one direction and not in the other.  Drives are within their limits, or where inputs u of
+    them, (n,), leave them.
     """
     K, D, M = _passive_slopes(kernel, q, v, a)
     if has_drives(kernel):
@@ -166,30 +157,32 @@ def slopes_of(kernel: Kernel, q: Array, v: Array, a: Array, u: Array | None = No
 
 
 def _passive_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    n = len(kernel.coordinates)
+    n = kernel.n
     rests = np.flatnonzero(v[:n] == 0.0)
     if not (kernel.internal_states and v[n:].any() and rests.size):
-        K, D, M = kernel.residual_jacobian(q, v, a)
-        return K, D, M
+        return _residual_slopes(kernel, q, v, a)
     sides = np.tile(v, (2, 1))
     fine = FINE * (1.0 + GOLDEN * rests % 1.0)  # no two alike, so that no deviation of a loop or coupling stands still
     sides[0, rests], sides[1, rests] = fine, -fine
-    K, D, M = (0.5 * (slopes[0] + slopes[1]) for slopes in kernel.residual_jacobian(q, sides, a))
+    both = [_residual_slopes(kernel, q, side, a) for side in sides]
+    K, D, M = (0.5 * (one + other) for one, other in zip(*both, strict=True))
     for slopes in (K, D):
         rows = slopes[n:]
         rows[np.abs(rows) < STICKS * np.diagonal(M)[n:, np.newaxis]] = 0.0
     return K, D, M
 
 
-def state_rates(kernel: Kernel, q: Array, v: Array, a: Array) -> Array:
-    """Return accelerations, (kernel.n,), with the rates of internal states behind those of coordinates."""
-    n = len(kernel.coordinates)
-    if n == kernel.n:
-        return a
-    whole = np.concatenate([a[:n], np.zeros(kernel.n - n)])
-    inertia = np.diagonal(kernel.residual_jacobian(q, v, whole)[2])[n:]
-    whole[n:] = -kernel.inverse_dynamics(q, v, whole, cut=True)[n:] / inertia
-    return whole
+def _residual_slopes(kernel: Kernel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+    """Return derivatives of the residual by q, v and a, (n + m, n + m) each; internal states stand behind v."""
+    velocities, z = cut_apart(v, kernel.n)
+    K, D, M = kernel.calls.run(kernel.residual_jacobian, None, (q, velocities, a), z=z, whole=True)
+    return K, D, M
+
+
+def forces_needed(kernel: Kernel, q: Array, rates: Array, a: Array) -> Array:
+    """Return the forces that a motion takes, loops open, (n,); internal states stand behind its rates, (n + m,)."""
+    v, z = cut_apart(rates, kernel.n)
+    return kernel.inverse_dynamics(q, v, a, z=z, cut=True)
 
 
 def kept_note(names: Sequence[str], z: Array) -> str:

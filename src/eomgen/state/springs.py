@@ -232,10 +232,12 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
-    inertia = np.diagonal(kernel.mass_matrix(q))
-    n = len(kernel.coordinates)
-    found = sizes.deviation_sizes(stiffness[:n], inertia[:n])
-    return sizes.with_states(*found, internal_state_sizes(kernel)) if kernel.calls.augmented is kernel.calls else found
+    return sizes.deviation_sizes(stiffness, np.diagonal(kernel.mass_matrix(q)))
+
+
+def rate_sizes(kernel: Kernel, q: Array) -> Array:
+    """Return sizes of rates that tolerances refer to, (n,), and behind them those of internal states."""
+    return np.append(coordinate_sizes(kernel, q)[1], internal_state_sizes(kernel))
 
 
 def internal_state_sizes(kernel: Kernel) -> list[float]:

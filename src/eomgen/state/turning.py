@@ -145,7 +145,7 @@ class Turns:
         self.here = self._kernels[turned]
 
     def on(self, states: Array) -> Array:
-        """Convert described q and v, (T, 2n), to the coordinates of ``here``."""
+        """Convert described q and v, (T, 2n), behind which more may stand, to the coordinates of ``here``."""
         return seen(states, self.places, ON, np.zeros(self.kernel.n)) if self.turned else states
 
     def back(self, states: Array, near: Array) -> Array:

@@ -145,14 +145,13 @@ def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
 
 
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
-    motion, kernel = result.trajectory, assembly.augmented
-    q, v, u = motion.joined()
-    u = u.copy()
+    motion, kernel = result.trajectory, assembly.kernel
+    q, v, u, z = motion.q, motion.v, motion.u.copy(), motion.z
     if assembly.prescribed is not None:
         prescribed = index_of(kernel.coordinates, kernel.prescribed)
         u[:, prescribed] = [assembly.prescribed(t)[2] for t in motion.t.tolist()]
-    a = kernel.forward_dynamics(q, v, u, wrench=result.wrench)
-    wrenches = kernel.reactions(q, v, a, wrench=result.wrench)
+    a = kernel.forward_dynamics(q, v, u, z, wrench=result.wrench)
+    wrenches = kernel.reactions(q, v, a, wrench=result.wrench, z=z)
     force, moment = (
         np.linalg.norm(components, axis=2).max(axis=0) for components in (wrenches[..., :3], wrenches[..., 3:])
     )

@@ -27,6 +27,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.methods.bound import frame_number
 from eomgen.runtime.raw import RawFunction
+from tests.support.bristles import servo_arm
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, package_of, program, run
 from tests.support.makers import MAKERS
 from tests.support.random_robots import random_robot
@@ -144,9 +145,14 @@ def test_headers_of_the_built_in_robots(number: int, tmp_path: Path) -> None:
     print(f"{name}: {count} numbers of C++ are those of the Python kernel, {compiler}")
 
 
-def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path) -> int:
+def test_functions_take_internal_states_and_forces_beside_drives(tmp_path: Path) -> None:
+    kernels = ("forward_dynamics", "residual_tangent", "energy", "mass_matrix", "kinematics")
+    compare(servo_arm(), "float64", "gcc", False, tmp_path, *kernels)
+
+
+def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path, *kernels: str) -> int:
     """Compare every function of the header with the kernel; the value is how many numbers there were."""
-    package, kernel = package_of(robot, tmp_path, dtype=dtype), kernel_of(robot, dtype=dtype)
+    package, kernel = package_of(robot, tmp_path, *kernels, dtype=dtype), kernel_of(robot, *kernels, dtype=dtype)
     generator = np.random.default_rng(7)
     functions, shapes = kernel.raw.functions, kernel.raw.shapes
     labels = {label for function in functions.values() for label in function.reads}
@@ -169,7 +175,7 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
         one, two = ([states[label][:states_here] for label in function.reads] for states_here in (1, 2))
         mixed = [two[0], *(x[0] for x in one[1:])]
         for end, arrays in (("", [x[0] for x in one]), ("_batch", two), ("_mixed", mixed)):
-            expected = kernel.calls.run(name, None, arrays, frame).ravel()
+            expected = kernel.calls.run(name, None, arrays, frame, whole=True).ravel()
             count += expected.size
             assert np.array_equal(answers[name + end], expected), name + end
             assert np.any(expected != 0) or name in MAY_VANISH, name

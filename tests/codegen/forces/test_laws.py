@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -543,23 +544,25 @@ def test_kernels_are_the_equations_of_drives(seed: int, built: Build) -> None:
     robot = driven(seed)
     kernel, oracle = built(robot), DriveOracle(robot)
     n, states = len(kernel.coordinates), [random_state(robot, seed + i) for i in range(6)]
+    run = partial(kernel.calls.run, out=None, whole=True)
     for s in states:
-        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), oracle.inverse_dynamics(s.q, s.v, s.a))
-        residual, expected = kernel.residual(s.q, s.v, s.a, s.u), oracle.residual(s.q, s.v, s.a, s.u)
-        scale = np.where(np.isnan(oracle.inertias()), 1.0, oracle.inertias())
-        assert close(residual / scale, expected / scale)
-        forces, _, voltages = oracle.driven(s.q, s.v, s.u)
-        assert close(kernel.functions.drive_forces(s.q, s.v, s.u)[:n], forces[:n])
-        behind = list(build_model(robot).states_of_drives)
-        assert close(kernel.functions.drive_forces(s.q, s.v, s.u)[behind], voltages[behind])
-        M = kernel.mass_matrix(s.q)[:n, :n]
-        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(M))
-        found, expected = kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u)
+        Q, V, A, U = oracle.arrays(s)
+        driven_by, state = (s.u, s.forces), (s.q, s.v, s.z, s.u, s.forces)
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a, z=s.z), oracle.inverse_dynamics(Q, V, A)[:n])
+        residual = run("residual", values=(s.q, s.v, s.z, s.a, *driven_by))
+        assert close(residual, oracle.residual(Q, V, A, U)[:n])
+        forces, _, voltages = oracle.driven(Q, V, U)
+        found, behind = run("drive_forces", values=state), list(build_model(robot).states_of_drives)
+        assert close(found[:n], forces[:n])
+        assert close(found[behind], voltages[behind])
+        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
+        found, expected = run("forward_dynamics", values=state), oracle.forward_dynamics(Q, V, U)
         assert close(found[:n], expected[:n], allowed)
         assert close(found[n:], expected[n:])
-        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
-    q, v, u = (np.array([getattr(s, x) for s in states]) for x in "qvu")
-    assert close(kernel.forward_dynamics(q, v, u), np.array([kernel.forward_dynamics(*x) for x in zip(q, v, u)]), 1e-12)  # noqa: B905
+        assert close(kernel.energy(s.q, s.v, z=s.z), oracle.energy(Q, V))
+    arrays = [np.array([getattr(s, x) for s in states]) for x in ("q", "v", "z", "u", "forces")]
+    alone = [run("forward_dynamics", values=x) for x in zip(*arrays, strict=True)]
+    assert close(run("forward_dynamics", values=arrays), np.array(alone), 1e-12)
 
 
 @pytest.mark.parametrize("seed", seeds(1380, 1, 16))
@@ -600,12 +603,13 @@ def test_closed_forms_have_drives(seed: int) -> None:
     robot = driven(seed, (1, 2), 3)
     model, oracle, s = build_model(robot), DriveOracle(robot), random_state(robot, seed)
     n = len(model.coordinates)
-    s.u[n:] = 0.0
+    s = replace(s, forces=0.0 * s.forces)
     function = closed_form(model).function("residual", "rates")
-    residual, rates = function(*(x[:n] for x in (s.q, s.v, s.a, s.u)), z=s.v[n:])
-    assert close(residual, oracle.residual(s.q, s.v, s.a, s.u)[:n])
+    residual, rates = function(s.q, s.v, s.a, s.u, z=s.z)
+    Q, V, A, U = oracle.arrays(s)
+    assert close(residual, oracle.residual(Q, V, A, U)[:n])
     places = list(model.states_of_drives)
-    assert close(rates[[k - n for k in places]], oracle.driven(s.q, s.v, s.u)[1][places])
+    assert close(rates[[k - n for k in places]], oracle.driven(Q, V, U)[1][places])
 
 
 @pytest.mark.parametrize("seed", seeds(1410, 1, 12))
@@ -614,17 +618,17 @@ def test_motions_by_all_methods_agree_and_energies_balance(seed: int, built: Bui
     robot = driven(seed, (1, 2), 4)
     kernel = built(robot)
     s = random_state(robot, seed)
-    n, options = len(kernel.coordinates), {"duration": 0.02, "samples": 2}
-    s.u[n:] = 0.0
-    s.q[n:] = 0.0
+    z, options = 0.1 * s.z, {"duration": 0.02, "samples": 2}
     motions: list[Array] = []
     for method, rtol in (("tsit5", 1e-8), ("rosenbrock", 1e-7), ("radau", 1e-8)):
         chosen: Any = {"method": method, "rtol": rtol, **options}
-        q, v = kernel.rollout(0.1 * s.q, 0.1 * s.v, s.u, **chosen)
-        motions.append(np.hstack([q[:, :n], v]))
-    for motion in motions[:-1]:
-        assert close(motion, motions[-1], 2e-5)
-    found = integrate(kernel, 0.1 * s.q, 0.1 * s.v, duration=0.02, drive=s.u, method="radau", rtol=1e-8, works=True)
+        motion = kernel.rollout(0.1 * s.q, 0.1 * s.v, s.u, z=z, **chosen)
+        motions.append(np.hstack([*motion, motion.z]))
+    for other in motions[:-1]:
+        assert close(other, motions[-1], 2e-5)
+    found = integrate(
+        kernel, 0.1 * s.q, 0.1 * s.v, z0=z, duration=0.02, drive=s.u, method="radau", rtol=1e-8, works=True
+    )
     gained = found.energy[-1].sum() - found.energy[0].sum()
     assert gained == pytest.approx(
         float((found.works[-1] - found.works[0]) @ [1.0, 1.0, 1.0, -1.0]), rel=1e-5, abs=1e-6

@@ -84,7 +84,8 @@ def written(model: Model, name: str) -> Program:
     return finish(d.graph, name, outputs)
 
 
-STATE: dict[str, list[float]] = {"q": [0.4, 0.0, 0.0], "v": [0.3, -0.7, 1.2], "u": [0.6, 0.0, 0.0]}
+STATE: dict[str, list[float]] = {"q": [0.4], "v": [0.3], "z": [-0.7, 1.2], "u": [0.6]}
+MOVING = np.array([*STATE["v"], *STATE["z"]])
 STATE["p"] = list(build_model(robot_from_toml(ROBOT)).parameters.values())
 
 
@@ -92,24 +93,21 @@ def test_rows_and_energies(model: Model) -> None:
     assert model.internal_states == ("slide.z.friction.a", "slide.z.friction.b")
     assert model.state_places == {("joints.slide.z", "friction"): (1, 2)}
     M, B, K = slopes()
-    q, v, a = np.array(STATE["q"]), np.array(STATE["v"]), np.array([0.2, 0.5, -0.4])
-    weight = np.array([2.0 * 9.81, 0.0, 0.0])
-    found = run(written(model, "inverse_dynamics"), STATE | {"a": a.tolist()})
-    assert found == pytest.approx(M @ a + B @ v + K @ q + weight, rel=1e-14)
-    jacobian = run(written(model, "residual_jacobian"), STATE | {"a": a.tolist()}).reshape(3, 3, 3)
+    (q,), v, a = STATE["q"], MOVING, 0.2
+    found = run(written(model, "inverse_dynamics"), STATE | {"a": [a]})
+    assert found == pytest.approx([2.0 * a + B[0] @ v + F_S * q + 2.0 * 9.81], rel=1e-14)
+    jacobian = run(written(model, "residual_jacobian"), STATE | {"a": [a]}).reshape(3, 3, 3)
     for matrix, expected in zip(jacobian, (K, B, M), strict=True):
         assert matrix == pytest.approx(expected, rel=1e-14, abs=0.0)
     kinetic, potential = run(written(model, "energy"), STATE)
     assert kinetic == pytest.approx(0.5 * 2.0 * v[0] ** 2, rel=1e-14)
-    weight_energy = 2.0 * 9.81 * q[0]
-    assert potential == pytest.approx(weight_energy + 0.5 * F_S * q[0] ** 2 + 0.5 * 3.0 * v[1] ** 2, rel=1e-14)
+    assert potential == pytest.approx(2.0 * 9.81 * q + 0.5 * F_S * q**2 + 0.5 * 3.0 * v[1] ** 2, rel=1e-14)
 
 
 @pytest.mark.parametrize("dt", [1e-3, 0.3, 20.0])
 def test_implicit_step_is_the_dense_one(model: Model, dt: float) -> None:
     M, B, K = slopes()
-    q, v = np.array(STATE["q"]), np.array(STATE["v"])
-    forces = np.array([STATE["u"][0] - 2.0 * 9.81, 0.0, 0.0]) - B @ v - K @ (q + dt * v)
+    forces = np.array([STATE["u"][0] - 2.0 * 9.81, 0.0, 0.0]) - B @ MOVING - K[:, 0] * (STATE["q"][0] + dt * MOVING[0])
     expected = np.linalg.solve(M + dt * B + dt * dt * K, forces)
     found = run(written(model, "implicit_step"), STATE | {"dt": [dt, dt * dt], "added": [0.0] * 3})
     assert found == pytest.approx(expected, rel=1e-11)
@@ -175,17 +173,20 @@ def test_transmissions_and_couplings_have_internal_states(c: complex) -> None:
     rails = build_model(robot_from_toml(RAILS))
     names = ("first.z.maxwell.0.z", "first.z.maxwell.1.z", "first.motor.maxwell.0.z", "belt.maxwell.0.z")
     assert rails.internal_states == (*names, "belt.maxwell.1.z")
-    n, rng, is_pair = rails.size, np.random.default_rng(1), isinstance(c, complex)
-    q, v = np.r_[rng.normal(size=3), np.zeros(5)], rng.normal(size=n)
-    state: dict[str, Any] = {"q": q.tolist(), "v": v.tolist(), "u": [0.0] * n, "p": [*rails.parameters.values()]}
-    state |= {"a": [0.0] * n, "added": [0.0] * n, "kp": [0.0] * n, "kd": [0.0] * n}
-    K, B, M = run(written(rails, "residual_jacobian"), state).reshape(3, n, n)
+    rng, is_pair = np.random.default_rng(1), isinstance(c, complex)
+    n, rates = len(rails.coordinates), rails.size
+    q, (v, z) = rng.normal(size=n), np.split(rng.normal(size=rates), [n])
+    state: dict[str, Any] = {"q": q.tolist(), "v": v.tolist(), "z": z.tolist(), "p": [*rails.parameters.values()]}
+    state |= {x: [0.0] * n for x in ("u", "a", "kp", "kd")} | {"added": [0.0] * rates}
+    K, B, M = run(written(rails, "residual_jacobian"), state).reshape(3, rates, rates)
     if not is_pair:
-        h = run(written(rails, "inverse_dynamics"), state | {"q": (q + c * v * (np.arange(n) < 3)).tolist()})
+        h = K @ np.r_[q + c * v, 0.0 * z] + B @ np.r_[v, z]
+        ahead = run(written(rails, "inverse_dynamics"), state | {"q": (q + c * v).tolist()})
+        assert h[:n] == pytest.approx(ahead, rel=1e-12, abs=1e-12)
         expected = np.linalg.solve(M + c * B + c * c * K, -h)
         found = run(written(rails, "implicit_step"), state | {"dt": [c, c * c]})
         assert found == pytest.approx(expected, rel=1e-10, abs=1e-12)
-    r, s = rng.normal(size=(2, n)), rng.normal(size=(2, n))
+    r, s = rng.normal(size=(2, 2, rates))
     assert staged(rails, state, c, r, s) == pytest.approx(dense_stage((M, B, K), c, r, s), rel=1e-10, abs=1e-12)
 
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
-from ..arrays import coordinate_axes
 from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..methods.bound import frame_number
@@ -74,7 +73,14 @@ class Differentiated:
     @property
     def arguments(self) -> tuple[str, ...]:
         """Names of the method's arrays: z behind the others where its result depends on internal states."""
-        return (*self.reads, "z") if self.calls.takes_z(self.name) else self.reads
+        given = tuple(x for x in self.reads if x not in ("z", "forces"))
+        return (*given, "z") if "z" in self.reads else given
+
+    @property
+    def result_shape(self) -> tuple[int, ...]:
+        """Shape of its result for one state, of all frames where it takes one."""
+        shape, axes = self.shape(self.writes), self.calls.arrays.axes_with_states(self.writes)
+        return (*shape[: len(shape) - axes], *(self.calls.n,) * axes)
 
     def shape(self, label: str) -> tuple[int, ...]:
         """Return the shape of one of the C's arrays for one state."""
@@ -95,15 +101,14 @@ class Differentiated:
         if self.is_framed:
             frame = frame_number(self.calls.raw.libraries.meta["frames"], args[-1])
         if self.closes:
-            reads = len(self.reads)
-            self.calls.run(self.name, None, arrays[:reads], z=arrays[reads] if len(arrays) > reads else None)
+            *given, z = arrays if "z" in self.reads else (*arrays, None)
+            self.calls.run(self.name, None, given, z=z)
         return arrays, frame
 
-    def joined(self, arrays: Sequence[ArrayLike], prefix: str = "") -> list[ArrayLike]:
-        """Return arguments, or rates of them, whose labels have a prefix, as the C reads them."""
-        z = arrays[len(self.reads)] if len(arrays) > len(self.reads) else None
-        pairs = zip(self.reads, arrays, strict=False)
-        return [self.calls.join(f"{prefix}{x}", value, z if x == "v" else None) for x, value in pairs]
+    def ordered(self, arrays: Sequence[ArrayLike]) -> list[ArrayLike]:
+        """Return arguments, or rates of them, in the order of the C, without forces beside drives."""
+        given = dict(zip(self.arguments, arrays, strict=True))
+        return [given[x] if x in given else np.zeros(self.shape(x), self.calls.dtype) for x in self.reads]
 
     def run(self, kind: str, arrays: Sequence[ArrayLike], inner: int = 0) -> Array:
         """Call one of its derivatives on the C's arrays; the last ``inner`` leading axes are not of states.
@@ -113,11 +118,7 @@ class Differentiated:
         """
         if f"{self.name}_{kind}" not in self.calls.raw.functions:
             raise self.calls.raw.missing(f"{self.name}_{kind}")
-        return self.calls.augmented.run(f"{self.name}_{kind}", None, arrays, inner=inner)
-
-    def split(self, result: Array) -> Array:
-        """Return the method's result, or a rate of it, of the C's."""
-        return self.calls.split(result, self.writes)
+        return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
 
     def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
         """Return weights of the results in the layout that derivatives read.
@@ -140,10 +141,8 @@ class Differentiated:
 
     def _weights(self, cotangent: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, tuple[int, ...]]:
         """Return weights of that shape of the C's, with zeros for internal states, and leading axes."""
-        axes = coordinate_axes(self.writes)
+        axes = self.calls.arrays.axes_with_states(self.writes)
         inner = (*shape[: len(shape) - axes], *(self.calls.n,) * axes)
-        if self.writes == "regressor":  # its columns are parameters
-            inner = (self.calls.n, *shape[1:])
         weights, lead = self.calls.array(COTANGENT, cotangent, inner)
         if inner == shape:
             return weights, lead
@@ -154,15 +153,9 @@ class Differentiated:
 
     def places(self) -> list[range]:
         """Return places of the numbers of each of the method's arrays among those of all of the C's in a row."""
-        places, begin, states = list[range](), 0, range(0)
-        for label in self.reads:
-            end = begin + math.prod(self.shape(label))
-            is_cut = self.calls.arrays.is_by_coordinate(label)
-            places.append(range(begin, begin + self.calls.n if is_cut else end))
-            if label == "v":
-                states = range(places[-1].stop, end)
-            begin = end
-        return places if self.arguments == self.reads else [*places, states]
+        ends = np.cumsum([math.prod(self.shape(x)) for x in self.reads]).tolist()
+        places = dict(zip(self.reads, map(range, [0, *ends], ends), strict=False))
+        return [places[x] for x in self.arguments]
 
     def of_frame(self, result: Array, frame: int | None) -> Array:
         """Select a frame's result of one for all frames; derivatives of a pose's last row are zero."""
@@ -178,8 +171,7 @@ class Differentiated:
         gradients = list[Array]()
         for label, place in zip(self.arguments, self.places(), strict=True):
             row = np.ascontiguousarray(gradient[..., place.start : place.stop])
-            of_links = label != "z" and not self.calls.arrays.is_by_coordinate(label)
-            gradients.append(row.reshape(*row.shape[:-1], *self.shape(label)) if of_links else row)
+            gradients.append(row.reshape(*row.shape[:-1], *self.shape(label)))
         return tuple(gradients)
 
 
@@ -273,12 +265,12 @@ class Differentiation(CompiledCode):
         arrays, frame = f.state(args)
         if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.arguments):
             raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.arguments)}")
-        joined = f.joined(arrays)
-        derivative = f.of_frame(f.split(f.run(TANGENT, [*joined, *f.joined(tangents, "d")])), frame)
+        given = f.ordered(arrays)
+        derivative = f.of_frame(f.run(TANGENT, [*given, *f.ordered(tangents)]), frame)
         if parameters:
             along = np.zeros(len(self.parameters), self.dtype)
             along[parameter_slots(self.parameters, tuple(parameters))] = list(parameters.values())
-            derivative = derivative + f.of_frame(f.split(f.run(f"{BY_PARAMETERS}{TANGENT}", [*joined, along])), frame)
+            derivative = derivative + f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*given, along]), frame)
         return derivative
 
     def vjp(
@@ -304,7 +296,7 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         arrays, frame = f.state(args)
         slots = parameter_slots(self.parameters, parameters)
-        arguments = [*f.joined(arrays), f.weights(cotangent, frame)]
+        arguments = [*f.ordered(arrays), f.weights(cotangent, frame)]
         if not slots:
             return f.rows(f.run(ADJOINT, arguments))
         gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", arguments)
@@ -327,8 +319,8 @@ class Differentiation(CompiledCode):
         """
         f = self._differentiated(name)
         arrays, frame = f.state(args)
-        second = f.run(HESSIAN, [*f.joined(arrays), f.weights(cotangent, frame)])
-        if self.calls.augmented is self.calls:
+        second = f.run(HESSIAN, [*f.ordered(arrays), f.weights(cotangent, frame)])
+        if f.arguments == f.reads:
             return second
         places = np.concatenate(f.places()).astype(np.intp)
         return np.ascontiguousarray(second[..., places[:, np.newaxis], places])
@@ -349,16 +341,16 @@ class Differentiation(CompiledCode):
         f = self._differentiated(name)
         slots = parameter_slots(self.parameters, tuple(self.parameters) if parameters is None else parameters)
         arrays, frame = f.state(args)
-        joined, take = f.joined(arrays), self.calls.augmented.array
-        shaped = [take(label, value, f.shape(label)) for label, value in zip(f.reads, joined, strict=True)]
+        pairs = zip(f.reads, f.ordered(arrays), strict=True)
+        shaped = [self.calls.array(label, value, f.shape(label)) for label, value in pairs]
         lead = np.broadcast_shapes(*(leading for _, leading in shaped))
         if not slots:
-            result = f.of_frame(f.split(np.zeros((*lead, *f.shape(f.writes)), self.dtype)), frame)
-            return np.zeros((*result.shape, 0), self.dtype)
+            inner = f.of_frame(np.zeros(f.result_shape, self.dtype), frame).shape
+            return np.zeros((*lead, *inner, 0), self.dtype)
         units = np.zeros((len(slots), len(self.parameters)), self.dtype)
         units[range(len(slots)), slots] = 1.0
         beside = [x.reshape(*leading, 1, *f.shape(label)) for label, (x, leading) in zip(f.reads, shaped, strict=True)]
-        columns = f.of_frame(f.split(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1)), frame)
+        columns = f.of_frame(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units], inner=1), frame)
         return np.moveaxis(columns, len(lead), -1)
 
     def _differentiated(self, name: Method) -> Differentiated:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,16 +75,17 @@ class TimeDerivatives(LoopClosure):
         wanted = self._requested(name, order)
         motion, others, frame = _split(name, wanted, series)
         index = frame_number(self.frames, frame) if wanted.writes in FRAMED else None
-        arrays = [*motion, *(x for one in others for x in one)]
-        z = others.pop() if self.calls.takes_z(name) else None
-        if self.augmented is not self:
-            arrays = self._joined(motion, zip(wanted.others, others, strict=False), z)
-        if self.raw.functions[wanted.function].closes:
+        given = dict(zip(wanted.motion, motion, strict=True))
+        for names, one in zip(wanted.others, others, strict=True):
+            given |= dict(zip(names, one, strict=True))
+        function = self.raw.functions[wanted.function]
+        if function.closes:
             values = [*motion[: len(wanted.motion) - order], *(one[0] for one in others)]
-            self.calls.run(name, None, values, z=None if z is None else z[0])
-        writes = self.raw.functions[wanted.function].writes
-        found = self.augmented._bound[wanted.function](*arrays, None)  # noqa: SLF001  (of the same class)
-        orders = tuple(self.calls.split(x, writes) for x in found)
+            z = values.pop() if "z" in given else None
+            self.calls.run(name, None, values, z=z)
+        none = {x: np.zeros(self.raw.shapes[x], self.dtype) for x in function.reads if x not in given}
+        evaluated: Callable[..., Any] = self._bound[wanted.function]
+        orders: tuple[Array, ...] = evaluated(*({**none, **given}[x] for x in function.reads), None)
         if index is None:
             return orders
         return tuple(_of_frame(x, index, wanted.writes, k) for k, x in enumerate(orders))
@@ -123,12 +124,6 @@ class TimeDerivatives(LoopClosure):
             motion.append(closed.reshape(guess.shape))
         return tuple(motion)
 
-    def _joined(self, motion: Sequence[Any], others: Iterable[Any], z: Sequence[Any] | None) -> list[Any]:
-        """Return series as the C reads them: z behind v, its time derivatives behind those of v."""
-        behind = [None, *(z or ()), *(None for _ in motion)]
-        joined = [self.calls.join(*row) for row in zip(MOTION, motion, behind, strict=False)]
-        return [*joined, *(self.calls.join(names[0], x) for names, one in others for x in one)]
-
     def _constraint_rest(self, motion: Sequence[Array]) -> Array:
         """Return what the constraint's next time derivative has beside J times that of the coordinates, (N, m)."""
         order = len(motion) - 2
@@ -153,9 +148,8 @@ class TimeDerivatives(LoopClosure):
         reads = known[function].reads
         motion = tuple(x for x in reads if x in MOTION)
         rest = reads[len(motion) :]
-        others = tuple(rest[i : i + order + 1] for i in range(0, len(rest), order + 1))
-        if self.calls.takes_z(name):
-            others += (tuple(f"z{k or ''}" for k in range(order + 1)),)
+        series = [rest[i : i + order + 1] for i in range(0, len(rest), order + 1)]
+        others = tuple(sorted((x for x in series if x[0] != "forces"), key=lambda x: x[0] == "z"))  # z behind others
         return _Request(function, int(order), motion, others, OF_ORDERS.sub("", known[function].writes))
 
 

@@ -25,7 +25,7 @@ from .many_steps import rollout, wrong_state
 from .methods import ADAPTIVE, STEP_CODES
 from .options import ErrorControl, InputStepOptions, StepOptions, rollout_of
 from .reading_inputs import InputsLike
-from .rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
+from .rollouts import Inputs, RolloutArrays, allocate_states, cut_apart, read_arrays
 from .stiff_steps import Pair, refuse_different, substep_counts
 
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
@@ -94,8 +94,10 @@ class CheckpointedTrajectory:
         self._calls, self._function, self._acts, self.slopes, self.steps = calls, function, acts, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
-        size, steady = len(steps.dt), max(SEGMENT // calls.n, SHORTEST)
-        self.is_kept = size * (2 * calls.n + self._kept) <= room
+        size, steady = len(steps.dt), max(SEGMENT // calls.rates, SHORTEST)
+        self._sizes = calls.n, calls.rates
+        self._state = sum(self._sizes)
+        self.is_kept = size * (self._state + self._kept) <= room
         self._length = min(steady, size) if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
         self._ends: list[tuple[Array, Array]] = []  # states at which segments begin
 
@@ -112,15 +114,15 @@ class CheckpointedTrajectory:
         """Return the number of elements that it takes of a buffer."""
         size = len(self.steps.dt) if self.is_kept else self._length
         segments = len(self._begins()) if self.is_kept else 1
-        return 2 * (size + segments) * self._calls.n + size * self._kept
+        return (size + segments) * self._state + size * self._kept
 
     def _of_buffer(self, segment: slice, buffer: Array) -> tuple[Array, Array, Array]:
         """Return views of q and v, (steps + 1, n), at the ends of a segment's steps, and of what the steps keep."""
-        n, count = self._calls.n, segment.stop - segment.start
-        begin = (segment.start * (2 * n + self._kept) + 2 * n * (segment.start // self._length)) if self.is_kept else 0
-        ends = np.cumsum([begin, (count + 1) * n, (count + 1) * n, count * self._kept])
+        count, segments = segment.stop - segment.start, segment.start // self._length
+        begin = (segment.start * (self._state + self._kept) + self._state * segments) if self.is_kept else 0
+        ends = np.cumsum([begin, *((count + 1) * size for size in self._sizes), count * self._kept])
         q, v, kept = (buffer[i:j] for i, j in itertools.pairwise(ends.tolist()))
-        return q.reshape(-1, n), v.reshape(-1, n), kept
+        return q.reshape(-1, self._sizes[0]), v.reshape(-1, self._sizes[1]), kept
 
     def forward(self, q: Array, v: Array, buffer: Array) -> tuple[Array, Array] | None:
         """Return q and v at the samples, (samples, n) each; None where a state is not finite, or has no accelerations.
@@ -128,7 +130,8 @@ class CheckpointedTrajectory:
         Args:
             buffer: ``numbers()`` elements, kept for the backward pass.
         """
-        samples = tuple(np.empty((self.steps.sample_index.size, self._calls.n), self._calls.dtype) for _ in range(2))
+        rows = self.steps.sample_index.size
+        samples = tuple(np.empty((rows, size), self._calls.dtype) for size in self._sizes)
         for begin in self._begins():
             segment, here = self._of(begin)
             self._ends.append((q.copy(), v.copy()))
@@ -166,30 +169,30 @@ class CheckpointedTrajectory:
             slopes: sums in place of those of the constructor.
             substeps: number of steps that each is split into, (steps,).
         """
-        view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
-        adjoints = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
+        view, to = self._calls.raw.view, [np.zeros(size, self._calls.dtype) for size in self._sizes]
+        adjoints = [np.empty((self._length + 1, size), self._calls.dtype) for size in self._sizes]
         for begin in reversed(self._begins()):
             segment, here = self._of(begin)
             if not self.is_kept:
                 self._run(segment, buffer, keep=True)  # as in the forward pass
-            by = adjoints[:, : segment.stop - segment.start + 1]
-            by[...] = 0.0
-            by[:, -1] = to
-            for one, samples in zip(by, (by_q, by_v), strict=True):
+            by = [x[: segment.stop - segment.start + 1] for x in adjoints]
+            for one, samples, end in zip(by, (by_q, by_v), to, strict=True):
+                one[...] = 0.0
+                one[-1] = end
                 np.add.at(one, self.steps.sample_index[here] - begin, samples[here])
             states = self._of_buffer(segment, buffer)
             slopes = self.slopes if slopes is None else slopes
             if substeps is None:
                 self._function.code(*self._before(segment), *map(view, (*states, *by)), slopes)
-                to = by[:, 0].copy()
+                to = [x[0].copy() for x in by]
             else:
                 to = self._backward_by_substeps(segment, substeps, states[:2], by, slopes)
         return to[0], to[1]
 
     def _backward_by_substeps(
-        self, segment: slice, substeps: Array, states: Sequence[Array], by: Array, slopes: Any
-    ) -> Array:
-        """Return derivatives by the state before a segment, (2, n), with its steps split, see ``backward``."""
+        self, segment: slice, substeps: Array, states: Sequence[Array], by: Sequence[Array], slopes: Any
+    ) -> list[Array]:
+        """Return derivatives by the state before a segment, with its steps split, see ``backward``."""
         steps, view = self.steps.split(substeps), self._calls.raw.view
         firsts = np.cumsum([0, *substeps])[segment.start : segment.stop + 1]
         q, v = (np.append(np.repeat(x[:-1], substeps[segment], axis=0), x[-1:], axis=0) for x in states)
@@ -199,11 +202,12 @@ class CheckpointedTrajectory:
             self._forwards(*self._before(slice(begin, end), steps), *map(view, states_within), FFI.NULL)
             for x, fine in zip((q, v), states_within, strict=True):  # but for the end, where the next one begins
                 x[begin - firsts[0] : end - firsts[0]] = fine[:-1]
-        to = np.zeros((2, *q.shape), self._calls.dtype)
-        to[:, firsts - firsts[0]] = by
+        to = [np.zeros(x.shape, self._calls.dtype) for x in (q, v)]
+        for whole_by, one in zip(to, by, strict=True):
+            whole_by[firsts - firsts[0]] = one
         whole = self._before(slice(firsts[0], firsts[-1]), steps)
         self._function.code(*whole, view(q), view(v), FFI.NULL, *map(view, to), slopes)
-        return np.asarray(to[:, 0].copy())
+        return [x[0].copy() for x in to]
 
 
 class CheckpointBuffer:
@@ -295,7 +299,7 @@ def _refuse_not_finite(calls: Calls, gradients: Mapping[str, Any]) -> None:
         if bad.size:
             place = tuple(int(i) for i in bad[0])
             is_coordinate = name in NAMES and bool(place)
-            at, lead = (calls.coordinates[place[-1]], place[:-1]) if is_coordinate else ("", place)
+            at, lead = (calls.rate_names[place[-1]], place[:-1]) if is_coordinate else ("", place)
             where = (f" at {at}" if at else "") + (f", {list(lead)}" if lead else "")
             raise ArrayError(
                 f"rollout_gradient: the derivative by {name}{where} is {np.asarray(by)[place]}, though the motion is"
@@ -311,7 +315,9 @@ def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
     """
     if calls.raw.libraries.meta.get("constraints") and calls.raw.has(KernelMethods.forward_dynamics):
         with suppress(LoopError):
-            calls.run(KernelMethods.forward_dynamics, None, (q, v, np.zeros(calls.n, calls.dtype)))
+            rates, z = cut_apart(np.asarray(v), calls.n)
+            none = np.zeros(calls.n, calls.dtype)
+            calls.run(KernelMethods.forward_dynamics, None, (q, rates, none), z=z if calls.internal_states else None)
 
 
 def taken_steps(
@@ -390,7 +396,8 @@ def _forward_samples(
 ) -> tuple[Array, Array] | None:
     """Return q and v at the samples of all states, (states, samples, n) each; None where one does not reach its end."""
     calls = motion.calls
-    q, v = (allocate_states(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
+    lead = motion.states, samples
+    q, v = (allocate_states(calls, (*lead, size), "fewer samples") for size in (calls.n, calls.rates))
     if len(trajectories) < motion.states:
         return None
     for state, trajectory in enumerate(trajectories):
@@ -423,7 +430,7 @@ class Motion:
 
     def start(self, state: int) -> tuple[Array, Array]:
         """Return the state at which the motion begins."""
-        q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._arrays.starts)
+        q, v = (x.reshape(-1, x.shape[-1])[state if apart else 0] for x, apart in self._arrays.starts)
         return (q, v) if self._acting is None else self._acting.placed(state, q, v)
 
     def rest(self, dq: Array, dv: Array, state: int) -> None:
@@ -437,12 +444,12 @@ class Motion:
         if self._acting is not None:
             self._acting.back(state, *by)
         for whole, derivative, (_, apart) in zip(self._by_starts, by, self._arrays.starts, strict=True):
-            whole.reshape(-1, self.calls.n)[state if apart else 0] += derivative
+            whole.reshape(-1, whole.shape[-1])[state if apart else 0] += derivative
 
     def held(self, state: int) -> Array:
-        """Return the first row of a state's u, (n,)."""
+        """Return the first row of a state's u."""
         array, of_state, _ = self._arrays.drives[0]
-        return array.reshape(-1)[state * of_state :][: self.calls.n]
+        return array.reshape(-1)[state * of_state :][: self.calls.inputs]
 
     def drive(self, library: Library, state: int) -> Any:
         """Return the drives of a state, for a library."""
@@ -478,7 +485,7 @@ class Motion:
         for name, whole in self._by_name().items():
             fine = other._by_name()[name]
             if name in NAMES[:2]:
-                rows = zip(*(x.reshape(-1, self.calls.n) for x in (whole, fine)), strict=True)
+                rows = zip(*(x.reshape(-1, x.shape[-1]) for x in (whole, fine)), strict=True)
                 yield from (Pair(name, *row) for row in rows)
             else:
                 yield Pair(name, whole, fine)
@@ -519,8 +526,8 @@ def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorContro
     calls, function = motion.calls, motion.calls.raw.function(control.kernel)
     library, view = function.library, calls.raw.view
     at = [x.copy() for x in motion.start(state)]
-    stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]
-    ends, kept = np.empty((2, RECORDED)), [np.empty((RECORDED, calls.n), calls.dtype) for _ in at]
+    stored = [np.empty((times.size, x.size), calls.dtype) for x in at]
+    ends, kept = np.empty((2, RECORDED)), [np.empty((RECORDED, x.size), calls.dtype) for x in at]
     fields = {"t": FFI.from_buffer("double[]", ends[0]), "q": view(kept[0]), "v": view(kept[1])}
     if control.method == EXPLICIT:
         fields["stiffness"] = FFI.from_buffer("double[]", ends[1])
@@ -529,7 +536,7 @@ def _chosen_steps(motion: Motion, state: int, times: Array, control: ErrorContro
     drive, loads = motion.drive(library, state), motion.loads(library, state)
     if not drive.u_step and not drive.target_step:  # rows that change nothing: steps then end at samples
         rows = np.tile(motion.held(state), (times.size, 1))
-        drive.u, drive.u_step = view(rows), calls.n
+        drive.u, drive.u_step = view(rows), calls.inputs
     where = FFI.from_buffer("double[]", times)
     recorded: list[Array] = []
     while not progress.reason:
@@ -570,14 +577,14 @@ def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single
         raise InputError(f"loss: it returned {show(answer)}; allowed: (value, dq, dv)")
     value, *by = answer
     derivatives = []
-    for label, x in zip(("dq", "dv"), by, strict=True):
+    for label, x, of, whole in zip(("dq", "dv"), by, states, (q, v), strict=True):
         try:
             array = np.asarray(x, dtype=calls.dtype)
         except (ValueError, TypeError):
-            raise ArrayError(f"loss: {label} is {show(x)}; expected numbers of shape {states[0].shape}") from None
-        if array.shape != states[0].shape:
-            raise ArrayError(f"loss: {label} has shape {array.shape}; expected {states[0].shape}, that of q")
+            raise ArrayError(f"loss: {label} is {show(x)}; expected numbers of shape {of.shape}") from None
+        if array.shape != of.shape:
+            raise ArrayError(f"loss: {label} has shape {array.shape}; expected {of.shape}, that of {label[1]}")
         if not np.isfinite(array).all():
             raise ArrayError(f"loss: {label} has numbers that are not finite")
-        derivatives.append(np.ascontiguousarray(array.reshape(q.shape)))
+        derivatives.append(np.ascontiguousarray(array.reshape(whole.shape)))
     return value, derivatives[0], derivatives[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -10,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError, IntegrationStopped
 from ...names import listed, show
-from ..arrays import shape_or_type
-from ..calls import SplitCalls
+from ..arrays import joint_lead, shape_or_type
+from ..calls import Calls
 from ..compiled_code import CompiledCode
 from ..raw import Array
 from .adaptive import adaptive_rollout
@@ -118,38 +119,36 @@ class Rollouts(CompiledCode):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
         steps_taken = adaptive_rollout if options.is_adaptive else rollout
-        calls = self.calls.augmented
-        if split is None:
-            return steps_taken(calls, inputs, options)
+        if not self.internal_states:
+            return steps_taken(self.calls, inputs, options)
         try:
-            return steps_taken(calls, inputs, options).apart(split.n)
+            return steps_taken(self.calls, inputs, options).apart(self.n)
         except IntegrationStopped as error:
-            error.set_apart(split.n)
+            error.set_apart(self.n)
             if error.stored is not None:
-                error.stored = Rollout.of(*error.stored).apart(split.n)
+                error.stored = Rollout.of(*error.stored).apart(self.n)
             raise
 
-    def _inputs(self, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> tuple[SplitCalls | None, Inputs]:
-        """Return the calls where z is an array of its own, and inputs with efforts, then as augmented arrays.
+    def _inputs(self, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
+        """Return inputs in the arrays of the C, with efforts: z, 0 by default, stands behind v.
 
-        The default of z is 0; without internal states it is refused.
+        Without internal states z is refused.
         """
-        split = self.calls if isinstance(self.calls, SplitCalls) else None
-        q0, v0, u, control = inputs.q0, inputs.v0, inputs.u, inputs.control
-        kp, kd, target = control.kp, control.kd, control.target
-        if split is None:
-            self.calls.refuse_z(z)
-        else:
-            q0, v0 = split.join("q0", q0), split.join("v0", v0, z)
-            given = (("u", u), ("target", target), ("kp", kp), ("kd", kd))
-            u, target, kp, kd = (_padded(split, label, x) for label, x in given)
-            saturate = saturate if isinstance(saturate, Mapping) else _padded(split, "saturate", saturate, np.inf)
-        return split, Inputs(q0, v0, u, Control(kp, kd, target, efforts_of(self.calls.augmented, saturate)))
+        calls, control, v0 = self.calls, inputs.control, inputs.v0
+        effort = efforts_of(calls, saturate)
+        if not self.internal_states:
+            calls.refuse_z(z)
+            return replace(inputs, control=replace(control, effort=effort))
+        states = np.zeros(len(self.internal_states), self.dtype) if z is None else z
+        v0 = _behind(calls, ("v0", v0, self.n), ("z", states, len(self.internal_states)))
+        u, kp, kd = (_padded(calls, x, y) for x, y in (("u", inputs.u), ("kp", control.kp), ("kd", control.kd)))
+        effort = None if effort is None else np.append(effort, np.full(calls.inputs - self.n, np.inf))
+        return Inputs(inputs.q0, v0, u, Control(kp, kd, control.target, effort))
 
     def rollout_gradient(  # noqa: PLR0913
         self,
@@ -208,15 +207,15 @@ class Rollouts(CompiledCode):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
-        if split is None:
-            return rollout_gradient(self.calls.augmented, inputs, options, loss=cast("Loss", loss), **more)
+        if not self.internal_states:
+            return rollout_gradient(self.calls, inputs, options, loss=cast("Loss", loss), **more)
         _refuse_out(out)
-        joined = _joined_loss(split, cast("LossApart", loss))
-        value, gradients = rollout_gradient(self.calls.augmented, inputs, options, loss=joined, **more)
-        return value, _gradients_apart(split, gradients, NAMES)
+        joined = _joined_loss(self.calls, cast("LossApart", loss))
+        value, gradients = rollout_gradient(self.calls, inputs, options, loss=joined, **more)
+        return value, _gradients_apart(self.calls, gradients)
 
     def rollout_sensitivity(  # noqa: PLR0913
         self,
@@ -268,15 +267,17 @@ class Rollouts(CompiledCode):
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        split, inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
-        if split is not None:
+        if self.internal_states:
             _refuse_out(out)
-            along = None if along is None else _joined_directions(split, along)
+            along = None if along is None else _joined_directions(self.calls, along)
         states, rates = rollout_sensitivity(
-            self.calls.augmented, inputs, options, parameters=parameters, along=along, loads=loads, out=out
+            self.calls, inputs, options, parameters=parameters, along=along, loads=loads, out=out
         )
-        return (states, rates) if split is None else (cut_apart(*states, split.n), cut_apart(*rates, split.n))
+        if not self.internal_states:
+            return states, rates
+        return (states[0], *cut_apart(states[1], self.n)), (rates[0], *cut_apart(rates[1], self.n))
 
 
 def _refuse_out(out: object) -> None:
@@ -285,8 +286,17 @@ def _refuse_out(out: object) -> None:
         raise InputError("out: results with z are new arrays; allowed: without out")
 
 
-def _padded(split: SplitCalls, label: str, value: ArrayLike | None, number: float = 0.0) -> Any:
-    """Return numbers of coordinates, (..., n), with others for internal states behind; what is no array as it is.
+def _behind(calls: Calls, *parts: tuple[str, ArrayLike, int]) -> Array:
+    """Return arrays of states, by name and length, one behind the other in the last axis."""
+    taken = [calls.array(label, value, (size,)) for label, value, size in parts]
+    lead: tuple[int, ...] = ()
+    for (label, *_), (_, own) in zip(parts, taken, strict=True):
+        lead = joint_lead(label, own, lead)
+    return np.concatenate([np.broadcast_to(x, (*lead, x.shape[-1])) for x, _ in taken], axis=-1)
+
+
+def _padded(calls: Calls, label: str, value: ArrayLike | None) -> Any:
+    """Return inputs of coordinates, (..., n), with zeros for forces beside drives behind; what is no array as it is.
 
     Raises:
         ArrayError: an array of another length.
@@ -297,23 +307,21 @@ def _padded(split: SplitCalls, label: str, value: ArrayLike | None, number: floa
         return value
     if not shape:
         return value
-    if shape[-1] != split.n:
-        raise ArrayError(f"{label}: got shape {shape}; allowed: ({split.n},) or (..., {split.n})")
+    if shape[-1] != calls.n:
+        raise ArrayError(f"{label}: got shape {shape}; allowed: ({calls.n},) or (..., {calls.n})")
     array = np.asarray(value)
-    behind = np.full((*array.shape[:-1], len(split.internal_states)), number, array.dtype)
-    return np.concatenate([array, behind], axis=-1)
+    return np.concatenate([array, np.zeros((*array.shape[:-1], calls.inputs - calls.n), array.dtype)], axis=-1)
 
 
-def _joined_loss(split: SplitCalls, loss: LossApart) -> Callable[[Array, Array, Array], tuple[Any, Array, Array]]:
-    """Return a loss of arrays that have internal states behind coordinates, of one that takes them as z.
+def _joined_loss(calls: Calls, loss: LossApart) -> Callable[[Array, Array, Array], tuple[Any, Array, Array]]:
+    """Return a loss of velocities that have internal states behind them, of one that takes these as z.
 
     Args:
-        split: the kernel's calls.
         loss: (t, q, v, z) -> its value, and derivatives by q, v and z, in their shapes.
     """
 
     def joined(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
-        apart = cut_apart(q, v, split.n)
+        apart = q, *cut_apart(v, calls.n)
         answer = loss(t, *apart)
         if not isinstance(answer, tuple) or len(answer) != 1 + len(LABELS):
             raise InputError(f"loss: it returned {show(answer)}; allowed: (value, {', '.join(LABELS)})")
@@ -324,24 +332,20 @@ def _joined_loss(split: SplitCalls, loss: LossApart) -> Callable[[Array, Array, 
                 raise ArrayError(f"loss: {label} has {shape_or_type(array)}; expected shape {of.shape}")
             arrays.append(np.asarray(array))
         by_q, by_v, by_z = arrays
-        return value, np.concatenate([by_q, np.zeros_like(by_z)], axis=-1), np.concatenate([by_v, by_z], axis=-1)
+        return value, by_q, np.concatenate([by_v, by_z], axis=-1)
 
     return joined
 
 
-def _gradients_apart(split: SplitCalls, gradients: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    """Return gradients of coordinates alone, and that by internal states at the beginning, as ``z``.
-
-    Args:
-        names: of the gradients that are by coordinates.
-    """
-    n = split.n
-    apart = {name: np.ascontiguousarray(x[..., :n]) if name in names else x for name, x in gradients.items()}
+def _gradients_apart(calls: Calls, gradients: Mapping[str, Any]) -> dict[str, Any]:
+    """Return gradients of coordinates alone, and that by internal states at the beginning, as ``z``."""
+    n = calls.n
+    apart = {name: np.ascontiguousarray(x[..., :n]) if name in NAMES else x for name, x in gradients.items()}
     return apart | {"z": np.ascontiguousarray(gradients["v"][..., n:])}
 
 
-def _joined_directions(split: SplitCalls, along: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-    """Return directions of a sensitivity as rates of arrays that have internal states behind coordinates.
+def _joined_directions(calls: Calls, along: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+    """Return directions of a sensitivity as rates of the arrays of the C.
 
     Args:
         along: rates by names "q", "v" and "u", (directions, n) each, and "z", (directions, m).
@@ -351,15 +355,14 @@ def _joined_directions(split: SplitCalls, along: Mapping[str, ArrayLike]) -> dic
     """
     if not isinstance(along, Mapping):
         raise InputError(f"along: {show(along)}; allowed: arrays by {listed(('q', 'v', 'u', 'z'))}")
-    joined = {name: _padded(split, name, x) for name, x in along.items() if name != "z"}
-    if "z" in along:
-        states, _ = split.array("z", along["z"], (len(split.internal_states),))
-        if states.ndim != 2:
-            raise ArrayError(f"along: z has shape {states.shape}; expected (directions, {len(split.internal_states)})")
-        rates = np.zeros((len(states), split.n), states.dtype) if "v" not in along else along["v"]
-        rates = np.asarray(rates)
-        expected = (len(states), split.n)
-        if rates.shape != expected:
-            raise ArrayError(f"along: v has shape {rates.shape}; expected {expected}, as many directions as z")
-        joined["v"] = np.concatenate([rates, states], axis=1)
+    joined = {name: _padded(calls, name, x) if name == "u" else x for name, x in along.items() if name != "z"}
+    if not {"v", "z"}.isdisjoint(along):
+        n, m = calls.n, len(calls.internal_states)
+        count = len(np.atleast_2d(along.get("z", along.get("v"))))  # type: ignore[arg-type]
+        given = {"v": along.get("v", np.zeros((count, n), calls.dtype)), "z": along.get("z", np.zeros((count, m)))}
+        for name, size in (("v", n), ("z", m)):
+            if np.shape(given[name]) != (count, size):
+                what = f"({count}, {size})" if {"v", "z"} <= along.keys() else f"(directions, {size})"
+                raise ArrayError(f"along: {name} has shape {np.shape(given[name])}; expected {what}")
+        joined["v"] = _behind(calls, ("v", given["v"], n), ("z", given["z"], m))
     return joined

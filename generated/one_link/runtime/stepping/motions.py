@@ -73,15 +73,15 @@ class SingleMotion:
     Args:
         calls: of the kernel, with that of ``control`` and what the loads ask for.
         times: of the samples, s, (T,).
-        q, v: the state at the first time, (n,).
+        q, v: the state at the first time, (n,), internal states behind v; so are those of the attributes.
         control: the method, or AUTO, and its tolerances.
         steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
         works: whether works are integrated, too; not where a joint has 3-DOF rotation.
 
     Attributes:
-        samples: q and v, (2, T, n), as far as ``done`` says.
+        samples: q and v, (T, n) each, as far as ``done`` says.
         progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
-        state: q and v that were reached, (2, n).
+        state: q and v that were reached, (n,) each.
         turns: what the steps took.
         works: of ``input_signals.WORKS``, (T, 4), J, as far as ``done`` says; None if they are not integrated.
     """
@@ -105,9 +105,9 @@ class SingleMotion:
         check_signals(calls, loads)
         self.loads = PackedInputs(library, calls, loads, works=works)
         self._times = np.array(times, dtype=np.float64)
-        self.state = np.array([q, v], dtype=calls.dtype)
-        self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
-        self._atol, self._nothing = np.array(control.atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
+        self.state = tuple(np.array(x, dtype=calls.dtype) for x in (q, v))
+        self.samples = tuple(np.full((self._times.size, x.size), np.nan, calls.dtype) for x in self.state)
+        self._atol, self._nothing = np.array(control.atol, dtype=calls.dtype), np.zeros(calls.inputs, calls.dtype)
         operations = max(function.operations, 1) * max(EVALUATIONS.values())  # none where all is prescribed
         self._most = max(OPERATIONS // CALLS // operations, 1)
         self._allowed = library.new("tolerance", rtol=control.rtol, atol=view(self._atol), most=self._most)
@@ -120,7 +120,7 @@ class SingleMotion:
         if self.works is not None:
             self.progress.works = FFI.from_buffer("double[]", self.works)
         self._record = library.ffi.NULL
-        self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
+        self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, x.size), calls.dtype) for x in self.state)]
         if steps_kept:
             t, q_kept, v_kept = self._kept
             fields = {"t": FFI.from_buffer("double[]", t), "q": view(q_kept), "v": view(v_kept)}
@@ -168,13 +168,13 @@ class BatchMotion:
     Args:
         calls: of kernels of one code, one for each state, with the method's kernel and what the loads ask for.
         loads: the data for each state; where they are one object, all states share it.
-        q, v: the states at the first time, (states, n).
+        q, v: the states at the first time, (states, n), internal states behind v; so are those of the attributes.
         control: the method, or AUTO: then each state has an alternation; tolerances, of which atol has a row for
-            each state, (states, 2n).
+            each state.
 
     Attributes:
-        samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
-        state: q and v that were reached, (2, states, n).
+        samples: q and v, (states, T, n) each, as far as the states got; NaN behind.
+        state: q and v that were reached, (states, n) each.
         turns: what the steps of each state took.
         progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
     """
@@ -190,10 +190,11 @@ class BatchMotion:
     ) -> None:
         raw, count = calls[0].raw, len(calls)
         function = raw.function(control.kernel)
-        library, view, n = function.where(batch=True), raw.view, calls[0].n
+        library, view = function.where(batch=True), raw.view
         self._function, self._times = function, np.array(times, dtype=np.float64)
-        self.state = np.array([q, v], dtype=raw.dtype)
-        self.samples = np.full((2, count, self._times.size, n), np.nan, raw.dtype)
+        self.state = tuple(np.array(x, dtype=raw.dtype) for x in (q, v))
+        lead = count, self._times.size
+        self.samples = tuple(np.full((*lead, x.shape[-1]), np.nan, raw.dtype) for x in self.state)
         self.progress = library.new_array("progress", count)
         left = keep_steps(self.progress, calls[0], control.methods)
         rows = [None] * count if left is None else list(left)
@@ -203,7 +204,7 @@ class BatchMotion:
         self._going = list(range(count))
         self._operations = function.operations * max(EVALUATIONS.values())
         self._h = np.array([each.parameters.setup.computed(library) for each in calls])
-        self._u, self._atol = np.zeros(n, raw.dtype), np.array(control.atol, dtype=raw.dtype)
+        self._u, self._atol = np.zeros(calls[0].inputs, raw.dtype), np.array(control.atol, dtype=raw.dtype)
         self._loads = PackedBatch(library, calls, loads, works=False)
         self._allowed = library.new_array("tolerance", count)
         for allowed, row in zip(self._allowed, self._atol, strict=True):

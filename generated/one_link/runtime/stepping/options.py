@@ -165,7 +165,7 @@ class StepOptions:
             atol = joined_tolerances(calls, atol, float(rtol) * np.array(meta["sizes"]))
         wanted = numbers_in("rollout: atol", atol, f"a number or ({2 * calls.n},)", finite=False)
         try:
-            tolerances = np.broadcast_to(wanted, (2 * calls.n,)).astype(calls.dtype)
+            tolerances = np.broadcast_to(wanted, (calls.n + calls.rates,)).astype(calls.dtype)
         except ValueError:
             raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
         if not ((tolerances > 0.0) & (tolerances < np.inf)).all():
@@ -234,30 +234,24 @@ def is_number(value: Any) -> bool:
 
 def _most(calls: Calls, count: int | None) -> int:
     """Return the most rows that all states may have."""
-    return NUMBERS // (calls.n * max(count or 1, 1))
+    return NUMBERS // (calls.rates * max(count or 1, 1))
 
 
 def joined_tolerances(calls: Calls, atol: ArrayLike, defaults: Array) -> Array:
-    """Return absolute tolerances of augmented arrays, q, then v, (2 (n + m),), where there are m internal states.
+    """Return absolute tolerances of q, of v, then of m internal states, (2 n + m,).
 
     Args:
-        calls: with augmented arrays.
-        atol: a number, or numbers of q, then of v, behind which may be those of z; or (2 (n + m),).
-        defaults: for internal states whose tolerances are not given, (2 (n + m),).
+        atol: a number, or numbers of q, then of v, (2 n,), behind which may be those of z.
+        defaults: for internal states whose tolerances are not given, (2 n + m,).
 
     Raises:
         ArrayError: another shape.
     """
-    m = len(calls.internal_states)
-    n = calls.n - m
-    shapes = f"({2 * n},), with tolerances of internal states ({2 * n + m},)"
+    n, m = calls.n, len(calls.internal_states)
+    shapes = f"({2 * n},)" + (f", with tolerances of internal states ({2 * n + m},)" if m else "")
     given = numbers_in("atol", atol, f"a number or shape {shapes}", finite=False)
-    if given.shape == (2 * calls.n,):
-        return given
     if given.shape not in ((), (2 * n,), (2 * n + m,)):
         raise ArrayError(f"atol: expected a number or shape {shapes}, got shape {given.shape}")
     tolerances = np.array(defaults, np.float64)
-    tolerances[np.r_[:n, n + m : 2 * n + m]] = given[: 2 * n] if given.ndim else given
-    if given.size == 2 * n + m:
-        tolerances[2 * n + m :] = given[2 * n :]
+    tolerances[: max(given.size, 2 * n)] = given
     return tolerances

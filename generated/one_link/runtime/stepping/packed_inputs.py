@@ -157,7 +157,7 @@ def plain_inputs(calls: Calls, loads: InputSignals, stops: Array | None = None) 
     drive, plain = loads.drive, Plain()
     plain |= {key: t for key, t in (("first", loads.first), ("last", loads.last)) if isfinite(t)}
     if drive.effort is not None:
-        plain["effort"] = drive.effort
+        plain["effort"] = np.append(drive.effort, np.full(calls.inputs - calls.n, np.inf))
     if drive.torque is not None:
         plain["torque"] = plain_track(drive.torque)
     if drive.program is not None:
@@ -214,8 +214,12 @@ class PackedInputs:
         self._kept.append(self.pointer)
 
     def drives(self, times: Array, q: Array, v: Array) -> Array:
-        """Return u at times in states, (T, n), accelerations of prescribed coordinates, which are put in place."""
-        function, view, u = self._library.function("loaded"), self._calls.raw.view, np.zeros_like(q)
+        """Return u at times in states, (T, n), accelerations of prescribed coordinates, which are put in place.
+
+        Behind it are forces beside drives with states; internal states stand behind v.
+        """
+        function, view = self._library.function("loaded"), self._calls.raw.view
+        u = np.zeros((len(q), self._calls.inputs), q.dtype)
         function(len(times), self.pointer, FFI.from_buffer("double[]", times), view(q), view(v), view(u))
         return u
 
@@ -343,9 +347,9 @@ class PackedInputs:
         self._kept.append(setup)
         ffi, code_library = self._library.ffi, function.library
         number = {"float64": "double", "float32": "float"}[str(calls.dtype)]
-        arguments = "int, " if function.is_framed else f"const {number} *, " * (len(function.reads) - 1)
+        arguments = "int, " if function.is_framed else f"const {number} *, " * (len(function.arguments) - 1)
         kind = f"int (*)(const {number} *, const {number} *, {arguments}{number} *)"
-        return ffi.cast(kind, function.address()), ffi.cast(f"const {number} *", setup.address(code_library))
+        return ffi.cast(kind, function.joined_address()), ffi.cast(f"const {number} *", setup.address(code_library))
 
 
 class PackedBatch:

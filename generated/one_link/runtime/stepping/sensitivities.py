@@ -31,7 +31,7 @@ class Directions:
     """Rates of the state at the beginning, of drives and of parameters, a row for each direction.
 
     Attributes:
-        starts: rates of q and v, (directions, n) each.
+        starts: rates of q and v, (directions, n) each, those of internal states behind those of v.
         named: of each direction the parameter that it is of and how large that is, or None and 1.
     """
 
@@ -54,8 +54,8 @@ class Directions:
         self._names = [f"direction {i}" for i in range(requested)] + [names[slot] for slot in slots]
         if not self.count:
             raise InputError("rollout_sensitivity: there is no direction; allowed: parameters or along")
-        n = calls.n
-        self.starts = [np.zeros((self.count, n), calls.dtype) for _ in range(2)]
+        n = calls.inputs
+        self.starts = [np.zeros((self.count, size), calls.dtype) for size in (calls.n, calls.rates)]
         for start, name in zip(self.starts, ("q", "v"), strict=True):
             start[:requested] = arrays.get(name, 0.0)
         by_rows = "u" in arrays and arrays["u"].ndim == 3
@@ -93,8 +93,9 @@ def rollout_sensitivity(
     motion, times, taken = taken_steps(calls, "sensitivity", inputs, acting, options)
     rows = max(int(steps.rows[-1]) + 1 for steps in taken if steps is not None) if any(taken) else 1
     directions = Directions(calls, motion, rows, {} if along is None else along, slots)
-    lead = (motion.states, times.size)
-    shapes: list[tuple[int, ...]] = [(*lead, calls.n)] * 2 + [(*lead, directions.count, calls.n)] * 2
+    lead, sizes = (motion.states, times.size), (calls.n, calls.rates)
+    shapes: list[tuple[int, ...]] = [(*lead, size) for size in sizes]
+    shapes += [(*lead, directions.count, size) for size in sizes]
     samples = [allocate_states(calls, shape, "fewer samples") for shape in shapes]
     for state, steps in enumerate(taken):
         of_state = [x[state] for x in samples]
@@ -150,7 +151,7 @@ class _Carried:
                 rows[0] = end
         pairs = []
         for d, (name, size) in enumerate(self.directions.named):
-            whole, other = (np.concatenate([x[0][:, d], x[1][:, d]]) for x in (stored[2:], fine))
+            whole, other = (np.concatenate([x[0][:, d], x[1][:, d]], axis=1) for x in (stored[2:], fine))
             pairs.append(Pair(f"direction {d}" if name is None else name, whole, other, size))
         largest = max(float(np.abs(x).max()) for x in stored[:2])
         refuse_different("rollout_sensitivity", pairs, largest, [substeps])
@@ -175,7 +176,7 @@ class _Carried:
             ArrayError: a derivative is not finite, where the states are.
         """
         calls, steps = self.motion.calls, self.steps
-        length = min(max(SEGMENT // (calls.n * (self.directions.count + 1)), SHORTEST), steps.dt.size)
+        length = min(max(SEGMENT // (calls.rates * (self.directions.count + 1)), SHORTEST), steps.dt.size)
         buffer = self._buffer(length, stored)
         for begin in range(0, steps.dt.size, length):
             end = min(begin + length, steps.dt.size)
@@ -200,10 +201,11 @@ def _arrays(calls: Calls, along: Mapping[str, ArrayLike], rows: int) -> dict[str
     for name, value in along.items():
         if name not in MOVING:
             raise InputError(f"along: {show(name)} is unknown; allowed: {listed(MOVING)}")
-        inner = (rows, calls.n) if name == "u" and len(shape_of(value)) == 3 else (calls.n,)
+        n = {"q": calls.n, "v": calls.rates, "u": calls.inputs}[name]
+        inner = (rows, n) if name == "u" and len(shape_of(value)) == 3 else (n,)
         array, lead = calls.array(name, value, inner)
         if len(lead) != 1:
-            wanted = f"(directions, {calls.n})" + (f" or (directions, {rows}, {calls.n})" if name == "u" else "")
+            wanted = f"(directions, {n})" + (f" or (directions, {rows}, {n})" if name == "u" else "")
             raise ArrayError(f"along: {name} has shape {array.shape}; expected {wanted}")
         rates[name] = array
     if len({array.shape[0] for array in rates.values()}) > 1:
@@ -218,7 +220,7 @@ def _refuse_not_finite(calls: Calls, directions: Directions, times: Array, rates
         bad = np.argwhere(~np.isfinite(by))
         if bad.size:
             state, direction, i = (int(x) for x in bad[0])
-            name = calls.coordinates[i]
+            name = calls.rate_names[i]
             raise ArrayError(
                 f"rollout_sensitivity: the derivative of {name} in {label} along {directions.name(direction)} is"
                 f" {by[state, direction, i]} at t = {times[state]:.6g} s, though the motion is finite; allowed: motions"

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -35,8 +35,9 @@ from eomgen.runtime.stepping.methods import COST
 from eomgen.runtime.stepping.options import rollout_of
 
 from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
+from ...codegen.kernels.entries import JOINED
 from ...codegen.kernels.groups import CLOSED_FMU, FMU, kernel_group
-from ...codegen.kernels.signatures import CLOSED_PROGRAMS
+from ...codegen.kernels.signatures import CLOSED_PROGRAMS, signatures
 from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
@@ -141,7 +142,7 @@ def _files(
     progress: StageReport,
 ) -> dict[str, bytes]:
     """Return files of the FMU but its binary, by their paths; ``begin``: its solver's parameter and its home."""
-    from eomgen.codegen.kernels.interface import turning_joints
+    from eomgen.codegen.kernels.interface import places_of_forces, turning_joints
 
     from .variables import make_layout
     from .xml import Fmu, build_description, model_description
@@ -157,8 +158,10 @@ def _files(
         "name": name,
         "guard": f"EOMGEN_{name.upper()}_H",
         "version": __version__,
-        "n": model.size,
-        "internal_states": len(model.internal_states),
+        "n": len(model.coordinates),
+        "rates": model.size,
+        "inputs": len(model.coordinates) + len(model.drives),
+        "passed": _arguments(model),
         "hoisted": meta["hoisted"],
         "m": len(model.constraints),
         "dynamics": CLOSED_PROGRAMS[dynamics] if model.constraints else dynamics,
@@ -167,7 +170,8 @@ def _files(
         "turning": len(turning["joints"]),
         "turned_size": turning["room"],
         "prescribed": model.prescribed,
-        "beside": [model.beside.get(i, i) for i in range(model.size)] if model.beside else [],
+        "beside": places_of_forces(model) if model.drives else [],
+        "columns": [states[0] for states in model.drives.values()],
         "matrices": _matrices(layout.at["parameters"], list(model.parameters), meta.get("matrices", {})),
         **_conditions(layout.at["parameters"], list(model.parameters), meta.get("conditions", ())),
         "method": method,
@@ -186,6 +190,17 @@ def _files(
     if version == 3:
         files["sources/buildDescription.xml"] = build_description(fmu)
     return files
+
+
+def _arguments(model: Model) -> Callable[..., str]:
+    """Return what writes the arrays that a function reads, by their names; those that stand behind others are found."""
+    known = signatures(model)
+
+    def passed(function: str, **arrays: str) -> str:
+        behind = {x: f"{arrays[of]} + UNIT_DOF" for x, of in JOINED.items() if of in arrays}
+        return ", ".join((arrays | behind)[x] for x in known[function].reads)
+
+    return passed
 
 
 def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, object]:

@@ -4,9 +4,6 @@ A variable's value reference is its place in the list: time, parameters, coordin
 drives u, wrenches, and then what is computed: der(q), accelerations a, der(z), poses of frames, reactions of joints,
 energies.  Where loops or rigid couplings are closed, multipliers of their constraint follow on these, and there are no
 reactions.
-
-Kernels have internal states behind the coordinates in all arrays; what is beside them in q acts on nothing, and is 0 in
-u.  These numbers have value references, but are no variables of the description (``Layout.shown``).
 """
 
 from __future__ import annotations
@@ -74,7 +71,7 @@ class Variable:
     start: its value at first, of what can be set and of states.  minimum, maximum: the least and the most that a
     parameter may be.  nominal: the size of a state.  derivative: the value reference of the state that it is the
     derivative of.  depends: value references of the states and inputs that it depends on; None for all.  is_guess:
-    whether initialization looks for its value from ``start`` on.  is_shown: whether it is a variable to others.
+    whether initialization looks for its value from ``start`` on.
     """
 
     name: str
@@ -88,7 +85,6 @@ class Variable:
     derivative: int | None = None
     depends: tuple[int, ...] | None = None
     is_guess: bool = False
-    is_shown: bool = True
 
 
 @dataclass(frozen=True)
@@ -101,11 +97,6 @@ class Layout:
     variables: tuple[Variable, ...]
     at: Mapping[str, int]
     frames: tuple[int, ...]
-
-    @property
-    def shown(self) -> dict[int, Variable]:
-        """Variables of the description, by their value references."""
-        return {reference: variable for reference, variable in enumerate(self.variables) if variable.is_shown}
 
 
 def step_variable(step: float) -> Variable:
@@ -140,12 +131,12 @@ def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout
     if model.constraints:
         text = "Time constant with which model exchange closes loops"
         add("closing", [Variable(CLOSING, "parameter", "s", text, CLOSING_TIME, SHORTEST)])
-    add("q", [*_states(model, "q", "Coordinate", "", len(layout_variables), home), *_beside_states(model, "q")])
+    add("q", _states(model, "q", "Coordinate", "", len(layout_variables), home))
     add("v", _states(model, "v", "Rate", "/s", len(layout_variables), [0.0] * len(model.coordinates)))
     add("z", _internal_states(model, len(layout_variables)))
-    add("u", [*_drives(model), *_beside_states(model, "u")])
+    add("u", _drives(model))
     add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base frame", 0.0))
-    add("rates", [*_rates(model, at), *_beside_states(model, "v")])
+    add("rates", _rates(model, at))
     add("a", [*_accelerations(model, at), *_rates_of_laws(model, at)])
     add("multipliers", _multipliers(model))
     add("poses", _poses(model, frames, at["q"]))
@@ -203,13 +194,6 @@ def _per_second(unit: str) -> str:
     return f"{unit}2" if unit.endswith("/s") else f"{unit}.s"
 
 
-def _beside_states(model: Model, kind: str) -> Iterator[Variable]:
-    """Give what stands behind coordinates where internal states do among rates."""
-    start = 0.0 if kind in ("q", "u") else None
-    for name in model.internal_states:
-        yield Variable(f"{kind}.{name}", "local", "1", "Nothing", start, is_shown=False)
-
-
 def _drives(model: Model) -> Iterator[Variable]:
     for i, name in enumerate(model.coordinates):
         unit = unit_of(name)
@@ -217,7 +201,7 @@ def _drives(model: Model) -> Iterator[Variable]:
             yield Variable(f"u.{name}", "input", f"{unit}/s2", "Given acceleration", 0.0)
         else:
             meant = input_of(coordinate_of(model.robot, name).law(), name)
-            text = "Drive" if i not in model.beside else f"Drive: {meant.meaning}"
+            text = "Drive" if i not in model.drives else f"Drive: {meant.meaning}"
             yield Variable(f"u.{name}", "input", unit_name(meant.unit), text, 0.0)
 
 

@@ -88,18 +88,17 @@ def _version_2(fmu: Fmu) -> Element:
             SubElement(files, "File", name=name)
     _common(root, fmu.layout)
     variables = SubElement(root, "ModelVariables")
-    places = {reference: place for place, reference in enumerate(fmu.layout.shown, 1)}
-    for reference, variable in fmu.layout.shown.items():
+    for reference, variable in enumerate(fmu.layout.variables):
         said, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
-            numbers["derivative"] = str(places[variable.derivative])
+            numbers["derivative"] = str(variable.derivative + 1)
         SubElement(SubElement(variables, "ScalarVariable", said), "Real", numbers)
     structure = SubElement(root, "ModelStructure")
     for kind, references in _structure(fmu.layout).items():
         group = SubElement(structure, kind)
         for reference in references:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, places)
-            SubElement(group, "Unknown", {"index": str(places[reference]), **dependencies})
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 1)
+            SubElement(group, "Unknown", {"index": str(reference + 1), **dependencies})
     return root
 
 
@@ -115,8 +114,7 @@ def _version_3(fmu: Fmu) -> Element:
     SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
     _common(root, fmu.layout)
     variables = SubElement(root, "ModelVariables")
-    references = {reference: reference for reference in fmu.layout.shown}
-    for reference, variable in fmu.layout.shown.items():
+    for reference, variable in enumerate(fmu.layout.variables):
         about, numbers = _attributes(reference, variable)
         if variable.derivative is not None:
             numbers["derivative"] = str(variable.derivative)
@@ -125,14 +123,14 @@ def _version_3(fmu: Fmu) -> Element:
     names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
     for kind, unknowns in _structure(fmu.layout).items():
         for reference in unknowns:
-            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, references)
+            dependencies = {} if kind == "InitialUnknowns" else _dependencies(fmu.layout, reference, 0)
             SubElement(structure, names[kind], {"valueReference": str(reference), **dependencies})
     return root
 
 
 def _common(root: Element, layout: Layout) -> None:
     """Add elements that both versions have between interface types and variables."""
-    variables = layout.shown.values()
+    variables = layout.variables
     used = {variable.unit for variable in variables}
     units = SubElement(root, "UnitDefinitions")
     for name in (*(x for x in UNITS if x in used), *sorted(used - UNITS.keys())):
@@ -171,15 +169,14 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
 
 def _structure(layout: Layout) -> Mapping[str, list[int]]:
     """Return the value references of outputs, of derivatives of states, and of what is computed at first."""
-    numbered = layout.shown.items()
-    derivatives = [i for i, x in numbered if x.derivative is not None]
-    outputs = [i for i, x in numbered if x.causality == "output"]
+    derivatives = [i for i, x in enumerate(layout.variables) if x.derivative is not None]
+    outputs = [i for i, x in enumerate(layout.variables) if x.causality == "output"]
     without_start = {i for i in outputs if layout.variables[i].start is None or layout.variables[i].is_guess}
     unknown = without_start | set(derivatives)
     return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": sorted(unknown)}
 
 
-def _dependencies(layout: Layout, reference: int, places: Mapping[int, int]) -> dict[str, str]:
-    """Return states and inputs that a variable depends on, by their places; nothing: it may be all of them."""
+def _dependencies(layout: Layout, reference: int, first: int) -> dict[str, str]:
+    """Return states and inputs that a variable depends on, counted from ``first`` on; nothing where it may be all."""
     depends = layout.variables[reference].depends
-    return {} if depends is None else {"dependencies": " ".join(str(places[i]) for i in depends)}
+    return {} if depends is None else {"dependencies": " ".join(str(first + i) for i in depends)}

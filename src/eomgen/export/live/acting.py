@@ -119,7 +119,7 @@ def acting_on(
     q0, v0, loose = initial_state(robot, scenario, assembly)
     if loose:
         notes.append(f"nothing holds {', '.join(loose)}, so not in balance at the start")
-    kernel = assembly.augmented
+    kernel = assembly.kernel
     data = _data_of(assembly.drive)
     if data is not None and data.effort is not None:
         raise InputError(
@@ -131,7 +131,7 @@ def acting_on(
             " that scenario files have"
         )
     acting: dict[str, Any] = {
-        "start": {"t": 0.0, "q": q0.tolist(), "v": v0.tolist()},
+        "start": {"t": 0.0, "q": q0.tolist(), "v": v0[: kernel.n].tolist(), "z": v0[kernel.n :].tolist()},
         "control": _control(scenario, assembly),
         "drive": "none",
         "program": None,
@@ -206,7 +206,7 @@ def _drives(
     robot: Robot, assembly: Assembly, place: Index, ratio: Array, gains: tuple[Array, Array], first: Array
 ) -> list[dict[str, Any]]:
     """Return drives with their sliders; ``first``: where their program begins, (d,)."""
-    kernel, drives = assembly.augmented, []
+    kernel, drives = assembly.kernel, []
     start, goal = default_ends(robot, assembly.driven)
     names = [joint_of(name) for name in assembly.driven]
     for i, name in enumerate(assembly.driven):
@@ -233,7 +233,7 @@ def _drives(
 
 def _inputs(robot: Robot, assembly: Assembly, q0: Array) -> list[dict[str, Any]]:
     """Return inputs of servo drives that nothing else gives, voltages and currents among them, with their sliders."""
-    kernel = assembly.augmented
+    kernel = assembly.kernel
     if not isinstance(assembly.drive, NoControl):
         return []
     return [
@@ -266,7 +266,7 @@ def _limits(robot: Robot, name: str, at: float, span: float) -> tuple[float, flo
 def _add_model(acting: dict[str, Any], model: ModelDrive, assembly: Assembly, q0: Array, notes: list[str]) -> None:
     """Add drives by a model: the rigid robot's, or of a mechanism with loops the forces that hold it at the start."""
     if model.mechanism is not None:
-        kernel = assembly.augmented
+        kernel = assembly.kernel
         try:
             u = np.asarray(assembly.drive.standstill()(0.0, q0, np.zeros(kernel.n)))
         except (LoopError, EomgenError):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...codegen.kernels.groups import LIVE_PAGE
+from ...codegen.kernels.interface import places_of_forces
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
 from ...names import kind_of
@@ -65,11 +66,11 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     notes: list[str] = []
     tool = result.tool if result is not None else tool_of(robot, scenario.frame if scenario else None)
     acting, assembly, acts = _acting(robot, scenario, result, tool, report, notes)
-    kernel, model = assembly.augmented, build_model(robot)
+    kernel, model = assembly.kernel, build_model(robot)
     link, point = tool_place(robot, tool)
     tunable = _tunable(robot, acts, link if link in model.links else None)
     values, deviations = dict(build_model(tunable).parameters), _deviations(robot, assembly)
-    start = np.array(acting["start"]["q"])[: len(kernel.coordinates)]
+    start = np.array(acting["start"]["q"])
     ends = [start, _at_goal(start, acting)] if result is None else list(_few(result.trajectory.q))
     report(0.0, "shapes of the robot")
     drawn, missing = geometry_of(robot, kernel.coordinates, np.array(ends))
@@ -81,7 +82,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
     factor = 1.0  # what is exaggerated in a mechanism would tear its loops
     if not robot.is_closed:
         factor = first_factor(result, robot) if result else _factor(robot, kernel, start, deviations, acting)
-    stiff = stiff_in_real_time(kernel, np.array(acting["start"]["q"]))
+    stiff = stiff_in_real_time(kernel, start)
     moving = sum(robot.link(name).mass for name in model.links)
     fine = acting["control"] in ("model", "reference") or acting["prescribed"] or acting["wrenches"] or acting["torque"]
     rigid = None if acting["model"] is None else robot.rigid()
@@ -91,7 +92,7 @@ def contents_of(robot: Robot, scenario: Scenario | None, result: SimulationResul
         "name": robot.name,
         "coordinates": list(kernel.coordinates),
         "units": [unit_of(name) for name in kernel.coordinates],
-        "beside": [model.beside.get(i, i) for i in range(model.size)],
+        "beside": places_of_forces(model),
         "states": [
             {"name": name, "unit": unit}
             for name, unit in zip(kernel.internal_states, kernel.internal_state_units, strict=True)
@@ -198,8 +199,8 @@ def _in_motion(robot: Robot, kernel: Kernel, q: Array, deviations: list[int], ac
     a, still = np.zeros(kernel.n), np.zeros(kernel.n)
     for drive, first, last in zip(acting["drives"], cycle["start"], cycle["goal"], strict=True):
         a[drive["joint"]] = QUINTIC * (last - first) / cycle["duration"] ** 2
-    at = np.concatenate([q, still[q.size :]])  # internal states rest
-    force = kernel.inverse_dynamics(at, still, a) - kernel.inverse_dynamics(at, still, still)
+    rest = np.zeros(len(kernel.internal_states))
+    force = kernel.inverse_dynamics(q, still, a, z=rest) - kernel.inverse_dynamics(q, still, still, z=rest)
     stiffness = stiffnesses(kernel)
     for i in deviations:
         deflection[i] = force[i] / stiffness[i] if stiffness[i] > 0.0 else 0.0
@@ -224,12 +225,12 @@ def _recorded(result: SimulationResult, acting: dict[str, Any], assembly: Assemb
     if motion.coordinates != assembly.kernel.coordinates:
         raise InputError(f"the result has coordinates of another robot than {assembly.kernel.name}")
     z = np.zeros((motion.t.size, 0)) if motion.z is None else motion.z
-    q, v = np.hstack([motion.q, np.zeros_like(z)]), np.hstack([motion.v, z])
     program = program_positions(result)[rows][:, [drive["joint"] for drive in acting["drives"]]]
     return {
         "t": packed(motion.t[rows]),
-        "q": packed(q[rows]),
-        "v": packed(v[rows]),
+        "q": packed(motion.q[rows]),
+        "v": packed(motion.v[rows]),
+        "z": packed(z[rows]),
         "program": packed(program),
     }
 

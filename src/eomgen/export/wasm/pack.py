@@ -15,7 +15,7 @@ from eomgen._version import __version__
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
-from eomgen.codegen.kernels.signatures import functions, with_beside
+from eomgen.codegen.kernels.signatures import functions, signatures, with_beside
 from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
@@ -24,7 +24,7 @@ from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
-from eomgen.robot.model import build_model
+from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING
 from eomgen.runtime.stepping.methods import ADAPTIVE, FIXED
@@ -123,7 +123,7 @@ def make_wasm(
     source = make_source(robot, Options(with_beside(chosen, described_model), dtype, batches=False), progress)
     rigid = _rigid(robot, progress) if model else None
     meta = json.loads(source.meta)
-    context = _context(robot, meta, rigid)
+    context = _context(described_model, meta, rigid)
     home = assembled_home(robot, progress)
     described = _description(meta, context["pushed"], home, None if rigid is None else json.loads(rigid.meta))
     progress(f"compiling {source.statements} statements of C")
@@ -132,7 +132,7 @@ def make_wasm(
         _sources(source, rigid, context), [f"{robot.name}_{x}" for x in exported], long=source.longest > LONG
     )
     adaptive = [name for name in ADAPTIVE if name not in ROLLOUTS]  # others have kernels of their own
-    declared = _declared(meta)
+    declared = _declared(described_model, meta)
     script = {
         "description": json.dumps(described, allow_nan=False),
         **context,
@@ -166,14 +166,16 @@ def _sources(source: Source, rigid: Source | None, context: Mapping[str, Any]) -
     return {**files, f"{source.name}_wasm.c": _filled("wasm/calls.c.jinja", context)}
 
 
-def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:
+def _context(model: Model, meta: Mapping[str, Any], rigid: Source | None) -> dict[str, Any]:
     """Return names that the templates use."""
     kinds = {function["kind"] for function in meta["functions"].values()}
     return {
-        "name": robot.name,
+        "name": model.name,
         "version": __version__,
         "real": SCALARS[meta["dtype"]].name,
-        "n": len(meta["coordinates"]) + len(meta.get("internal_states", ())),
+        "n": len(model.coordinates),
+        "states": len(model.internal_states),
+        "drives": len(model.drives),
         "rolls": "rollout" in kinds,
         "adapts": "adaptive" in kinds,
         "places": checked_places(meta["dtype"]) if "adaptive" in kinds else [],
@@ -184,7 +186,7 @@ def _context(robot: Robot, meta: Mapping[str, Any], rigid: Source | None) -> dic
         "fading_allowed": FADING,
         "pushed": "frames" in kinds and any(_pushes(function) for function in meta["functions"].values()),
         "turning": bool(meta.get("turning")),
-        "turned_size": turning_joints(build_model(robot))["room"],
+        "turned_size": turning_joints(model)["room"],
     }
 
 
@@ -197,30 +199,29 @@ def _description(
     meta: Mapping[str, Any], pushed: bool, home: Sequence[float], rigid: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return plain values that the script says of the kernel, and reads itself."""
-    internal_states = meta.get("internal_states", [])
     return {
         **{name: meta[name] for name in _SAID},
-        "internal_states": internal_states,
+        "internal_states": meta.get("internal_states", []),
         "inputs": {
             name: {"meaning": meaning, "unit": unit, "force": place}
             for name, (meaning, unit, place) in meta.get("inputs", {}).items()
         },
         "constraints": meta.get("constraints", []),
-        "statuses": meta.get("statuses", len(meta["coordinates"]) + len(internal_states)),
+        "statuses": meta.get("statuses", len(meta["coordinates"])),
         "sizes": meta.get("sizes", []),
         "rubbing": meta.get("rubbing", []),
         "least_rtol": LEAST[meta["dtype"]],
         **({"matrices": meta["matrices"]} if "matrices" in meta else {}),
         "conditions": meta.get("conditions", []),
         "pushed": pushed,
-        "home": [*home, *(0.0 for _ in internal_states)],
+        "home": list(home),
         "model": None if rigid is None else {key: rigid[key] for key in ("coordinates", "parameters", "hoisted")},
     }
 
 
-def _declared(meta: Mapping[str, Any]) -> dict[str, Any]:
+def _declared(model: Model, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the declarations use beside the others."""
-    public = [function for function in functions(meta["kernels"]) if not function.is_rollout]
+    public = [x for x in functions(meta["kernels"], signatures(model)) if not x.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
     size = {array: math.prod(shape) for array, shape in meta["shapes"].items()}
     read = {array: max(size[array], 1) for function in public for array in function.signature.reads}

@@ -27,6 +27,8 @@ def plain_loads(kernel: Kernel, loads: InputSignals) -> dict[str, Any]:
         InputError: the drives' model has loops.
     """
     plain: dict[str, Any] = as_json(plain_inputs(kernel.calls, loads))
+    if "effort" in plain:
+        plain["effort"] = plain["effort"][: kernel.n]
     model = loads.drive.model
     if model is not None:
         if model.mechanism is not None:

@@ -39,9 +39,9 @@ class Run:
         q: measured coordinates, (T, k).
         places: of these among the kernel's, (k,).
         noise: their standard deviations, (k,), m or rad.
-        start: q and v of the state at the beginning, (n,) each, internal states among v.
+        start: q, v and z of the state at the beginning, (n,), (n,) and (m,).
         loads: drives and prescribed motions.
-        rtol, atol: of the steps; atol is (2 n,).
+        rtol, atol: of the steps; atol is (2 n + m,).
     """
 
     source: str
@@ -49,7 +49,7 @@ class Run:
     q: Array
     places: Index
     noise: Array
-    start: tuple[Array, Array]
+    start: tuple[Array, Array, Array]
     loads: InputSignals
     rtol: float
     atol: Array
@@ -93,7 +93,6 @@ def run_of(kernel: Kernel, model: Model, motion: MeasuredMotion) -> Run:
     Raises:
         InputError: a drive is not known, or a prescribed coordinate or none at all was measured.
     """
-    kernel = kernel.augmented
     names, n, times = kernel.coordinates, kernel.n, motion.t - motion.t[0]
     driven = [names[i] for i in model.driven]
     open_drives = [name for name in driven if name not in motion.driven]
@@ -107,17 +106,15 @@ def run_of(kernel: Kernel, model: Model, motion: MeasuredMotion) -> Run:
     if not measured:
         raise InputError(f"{motion.source}: has no coordinates; allowed: one at least that is not prescribed")
     places = np.array(index_of(names, measured))
-    q, width = motion.q[:, places], len(names)
-    start = np.zeros(n), np.zeros(n)
-    start[0][:width] = motion.q[0]
+    q, z = motion.q[:, places], np.zeros(len(kernel.internal_states))
     if motion.v is None:
-        parabola = np.polynomial.polynomial.polyfit(times[:AT_START], motion.q[:AT_START], 2)
-        start[0][:width], start[1][:width] = parabola[:2]
+        first, slope, _ = np.polynomial.polynomial.polyfit(times[:AT_START], motion.q[:AT_START], 2)
+        start = first, slope, z
     else:
-        start[1][:width] = motion.v[0]
+        start = motion.q[0].copy(), motion.v[0].copy(), z
     noise = noise_deviation(q)
     rtol = accuracy(noise, np.std(q, axis=0))
-    drive = DriveData(torque=Track(Signal.through(times, motion.u), np.arange(width)))
+    drive = DriveData(torque=Track(Signal.through(times, motion.u), np.arange(n)))
     prescribed = _prescribed(kernel, motion, times) if kernel.prescribed else None
     atol = _tolerances(kernel, motion, times, rtol)
     run = Run(motion.source, times, q, places, noise, start, InputSignals(drive, prescribed=prescribed), rtol, atol)
@@ -139,7 +136,7 @@ def _splines(times: Array, columns: Array, degree: int) -> Signal:
 
 
 def _tolerances(kernel: Kernel, motion: MeasuredMotion, times: Array, rtol: float) -> Array:
-    """Return absolute tolerances of steps, (2 n,): of what was measured in units of its motion."""
+    """Return absolute tolerances of steps, (2 n + m,): of what was measured in units of its motion."""
     sizes = np.array(kernel.calls.raw.libraries.meta["sizes"], np.float64)
     atol, n = rtol * sizes, kernel.n
     velocities = np.gradient(motion.q, times, axis=0) if motion.v is None else motion.v
@@ -156,7 +153,7 @@ class Simulation:
     """Runs of a kernel as functions of parameters, then of the states at the beginning of each run.
 
     Attributes:
-        kernel: whose parameters are set, with augmented arrays.
+        kernel: whose parameters are set.
         names: of the parameters.
         runs: of the motions.
         closing: of a closed mechanism, what its state follows from; None of a tree.
@@ -178,7 +175,6 @@ class Simulation:
         Raises:
             LoopError: loops do not close near what was measured.
         """
-        kernel = kernel.augmented
         if not kernel.constraints:
             return Simulation(kernel, names, runs)
         closing, closed = None, list[Run]()
@@ -188,18 +184,18 @@ class Simulation:
             measured = [kernel.coordinates[i] for i in run.places]
             q = np.asarray(kernel.assemble(q))
             closing = closing or ClosedStarts.near(kernel, q, measured)
-            closed.append(replace(run, start=closing.state(q, run.start[1])))
+            closed.append(replace(run, start=(*closing.state(q, run.start[1]), run.start[2])))
         return Simulation(kernel, names, closed, closing)
 
     @property
     def moving(self) -> Index:
-        """Indices of the numbers of q, then v (from n on), at the beginning of a run that are free."""
+        """Indices of the numbers of q, v (from n on) and z (from 2 n on) at the beginning of a run that are free."""
         kernel, n = self.kernel, self.kernel.n
         free = [i for i, name in enumerate(kernel.coordinates) if name not in kernel.prescribed]
         if self.closing is not None:
             free = [i for i in free if i in self.closing.independent]
-        states = range(len(kernel.coordinates), n)
-        return np.array([*free, *(n + i for i in (*free, *states))], dtype=np.intp)
+        states = range(2 * n, 2 * n + len(kernel.internal_states))
+        return np.array([*free, *(n + i for i in free), *states], dtype=np.intp)
 
     def values(self) -> Array:
         """Return the parameters as they are, and the states at the beginning."""
@@ -239,21 +235,23 @@ class Simulation:
         n, moving = self.kernel.n, self.moving
         state = np.concatenate(run.start)
         state[moving] = start
-        units = np.eye(2 * n)[moving]
-        along = {"q": units[:, :n], "v": units[:, n:]}
+        units, is_state = np.eye(state.size)[moving], moving >= 2 * n
+        (q, v, z), (by_q, by_v, by_z) = (np.split(x, (n, 2 * n), axis=-1) for x in (state, units))
         if self.closing is not None:
-            state = np.concatenate(self.closing.state(state[:n], state[n:]))
-            along = dict(zip("qv", self.closing.slopes(state[:n], state[n:], moving), strict=True))
-        (q, _), (by, _) = self.kernel.rollout_sensitivity(
-            state[:n],
-            state[n:],
+            q, v = self.closing.state(q, v)
+            by_q[~is_state], by_v[~is_state] = self.closing.slopes(q, v, moving[~is_state])
+        has_states = bool(self.kernel.internal_states)
+        (q, *_), (by, *_) = self.kernel.rollout_sensitivity(
+            q,
+            v,
             duration=float(run.times[-1]),
             samples=len(run.times) - 1,
             parameters=self.names,
-            along=along,
+            along={"q": by_q, "v": by_v} | ({"z": by_z} if has_states else {}),
             method=METHOD,
             rtol=run.rtol,
             atol=run.atol,
             loads=run.loads,
+            z=z,
         )
         return q[:, run.places], by[:, :, run.places].transpose(0, 2, 1)

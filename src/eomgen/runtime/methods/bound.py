@@ -101,7 +101,7 @@ class CheckedFunction:
         if function is None:
             raise raw.missing(name)
         options = (*((FRAME,) if function.is_framed else ()), *function.takes)
-        labels = (*function.reads, *options, *((CUT,) if name not in raw.functions else ()), OUT)
+        labels = (*function.arguments, *options, *((CUT,) if name not in raw.functions else ()), OUT)
         return cls(name, labels, len(labels), axes)
 
     def __call__(self, calls: Calls, /, *args: Any, **options: Any) -> Any:
@@ -114,7 +114,7 @@ class CheckedFunction:
             return _argument(calls, self.otherwise, given)
         if function is None:
             raise calls.raw.missing(self.name)
-        result = evaluate(calls, self.name, [given.pop(x) for x in function.reads], **given)
+        result = evaluate(calls, self.name, [given.pop(x) for x in function.arguments], **given)
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
@@ -140,27 +140,25 @@ class CalledInPython(partial[Any]):
     def __reduce__(self) -> tuple[Any, ...]:
         calls: Calls = self.args[0]
         _, made = calls.parameters.__reduce__()
-        return _method_again, (self.checked.name, calls.augmented is calls, calls.threads, calls.checks, made)
+        return _method_again, (self.checked.name, calls.threads, calls.checks, made)
 
 
-def _method_again(name: str, is_augmented: bool, threads: int, checks: bool, made: tuple[Any, ...]) -> Any:
+def _method_again(name: str, threads: int, checks: bool, made: tuple[Any, ...]) -> Any:
     """Return a method of a kernel that is made again, of one that was pickled."""
     kernel = kernel_of(*made)
     kernel.threads, kernel.checks = threads, checks
-    kernel = kernel.augmented if is_augmented else kernel
     return getattr(kernel if hasattr(type(kernel), name) else kernel.functions, name)
 
 
 def _argument(calls: Calls, name: str, given: Mapping[str, Any]) -> Array:
     """Return an argument by coordinate as a function would that reads all that are given, which are checked."""
+    calls.refuse_z(given.get(Z))
     lead: tuple[int, ...] = ()
     arrays = {}
     for label in (x for x in given if x not in (Z, OUT)):
-        joined = calls.join(label, given[label], given.get(Z) if label == "v" else None)
-        arrays[label], own = calls.augmented.array(label, joined, (calls.augmented.n,))
+        arrays[label], own = calls.array(label, given[label], (calls.n,))
         lead = joint_lead(label, own, lead)
-    found = calls.split(np.array(np.broadcast_to(arrays[name], (*lead, calls.augmented.n))), "vector")
-    return calls.arrays.written(found, given.get(OUT))
+    return calls.arrays.written(np.array(np.broadcast_to(arrays[name], (*lead, calls.n))), given.get(OUT))
 
 
 class BoundFunctions:
@@ -192,8 +190,8 @@ class BoundFunctions:
         return bound
 
     def bind(self, module: ModuleType) -> None:
-        """Let plain calls go through an extension module; with augmented arrays inside those of the C."""
-        if self.calls.augmented is not self.calls:
+        """Let plain calls go through an extension module."""
+        if self.calls.internal_states:
             return
         if self.direct is None or self.direct.module is not module:
             self.direct = DirectFunctions(module, self.calls.raw)
@@ -235,22 +233,24 @@ def evaluate(
         return calls.run(name, out, values, z=z)
     if not function.wrench.into:
         return calls.run_with_wrench(name, out, values, wrench_rows(calls, values[0], wrench), z)
-    if calls.augmented is not calls:
-        joined = calls.join_arguments(name, values, z)
-        whole = evaluate(calls.augmented, name, joined, wrench=wrench)
-        return calls.arrays.written(calls.split(whole, function.writes), out)
-    return calls.run(name, out, _with_wrench(calls, function, values, wrench), z=z)
+    values, forces = with_wrench(calls, name, values, wrench)
+    return calls.run(name, out, calls.arguments(name, values, z, forces))
 
 
-def _with_wrench(calls: Calls, function: RawFunction, values: Sequence[Any], wrench: WrenchLike) -> list[Any]:
-    """Return arguments with the generalized forces of wrenches; of a prescribed coordinate stays its acceleration."""
+def with_wrench(calls: Calls, name: str, values: Sequence[Any], wrench: WrenchLike) -> tuple[list[Any], Array | None]:
+    """Return arguments with the generalized forces of wrenches, and forces beside drives with states.
+
+    Of a prescribed coordinate its acceleration stays.
+    """
+    function = calls.raw.functions[name]
     assert function.wrench is not None
-    place = function.reads.index(function.wrench.into)
+    place = function.arguments.index(function.wrench.into)
     external = evaluate(calls, function.wrench.function, (values[0], wrench))
     drives, lead = calls.array(function.wrench.into, values[place], external.shape[-1:])
     joint_lead(function.wrench.into, lead, external.shape[:-1])
     external[..., [calls.coordinates.index(x) for x in calls.prescribed]] = 0
-    return [*values[:place], calls.arrays.beside_drives(drives, external), *values[place + 1 :]]
+    total, forces = calls.arrays.beside_drives(drives, external)
+    return [*values[:place], total, *values[place + 1 :]], forces
 
 
 def frame_number(frames: Sequence[str], name: str | None) -> int:

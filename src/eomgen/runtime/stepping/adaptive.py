@@ -30,8 +30,8 @@ DONE = 1  # reason to stop: all samples are there; above are the places of what 
 class _Motion:
     """Many states under integration: chunks of work go on from where the last one ended.
 
-    at: q and v, (states, n).
-    stored: q and v, (states, samples + 1, n).
+    at: q and v, (states, n), internal states behind v.
+    stored: q and v, (states, samples + 1, n), likewise.
     progress: of every state, in C.
     control: the method and its tolerances.
     turned: how joints with 3-DOF rotation are turned, a row per state.
@@ -106,8 +106,8 @@ def adaptive_rollout(calls: Calls, inputs: Inputs, options: InputStepOptions) ->
     if trouble is not None:
         raise trouble
     states, single = 1 if count is None else count, count is None
-    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in arrays.starts]
-    room = [allocate_states(calls, (states, samples + 1, calls.n), "fewer samples") for _ in at]
+    at = [np.array(np.broadcast_to(x, (states, x.shape[-1])), order="C") for x, _ in arrays.starts]
+    room = [allocate_states(calls, (states, samples + 1, x.shape[-1]), "fewer samples") for x in at]
     library = function.where(batch=not single)
     progress = library.new_array("progress", states)
     if data is not None:
@@ -131,7 +131,7 @@ def keep_steps(progress: Any, calls: Calls, methods: Sequence[str]) -> Array | N
     """Allocate what steps of Radau IIA leave to the next call, a row per state, to be kept as long."""
     if RADAU not in methods:
         return None
-    kept = np.zeros((len(progress), KEPT_COLUMNS * calls.n + KEPT_NUMBERS))
+    kept = np.zeros((len(progress), KEPT_COLUMNS * calls.rates + KEPT_NUMBERS))
     for state, row in zip(progress, kept, strict=True):
         state.kept = FFI.from_buffer("double[]", row)
     return kept
@@ -186,28 +186,32 @@ def refuse_unmoved(calls: Calls, progress: Any, name: str, place: str, q: Array)
         name, place: of the motion, for the message.
         q: where it begins, (n,).
     """
-    pivot = _end_of(calls, progress, q) - 2 * calls.n
+    pivot = _end_of(calls, progress, q) - calls.n - calls.rates
     if 0 <= pivot < calls.n and not progress.steps:
         raise calls.singular(name, pivot, place, q)
 
 
 def _end_of(calls: Calls, progress: Any, q: Array) -> int:
-    """Return the place of what ended steps at q, (n,): of an open state its loop, whatever is singular there."""
-    n, where = calls.n, int(progress.reason) - 2
-    if 2 * n <= where < 3 * n and calls.raw.has(KernelFunctions.constraint):
+    """Return the place of what ended steps at q, (n,): of an open state its loop, whatever is singular there.
+
+    Places are those of numbers of the state, then of coordinates without accelerations, then of constraints.
+    """
+    n, where, state = calls.n, int(progress.reason) - 2, calls.n + calls.rates
+    if state <= where < state + n and calls.raw.has(KernelFunctions.constraint):
         violations = np.abs(calls.run(KernelFunctions.constraint, None, (q,)))
         if violations.max() > OPEN[calls.dtype.itemsize]:
-            return 3 * n + int(violations.argmax())
+            return state + n + int(violations.argmax())
     return where
 
 
 def why_ended(calls: Calls, progress: Any, q: Array) -> tuple[str, str]:
     """Return why steps ended early at q, (n,), for a message, and the coordinate that shows it, if one does."""
-    n, where = calls.n, _end_of(calls, progress, q)
-    if where >= 3 * n:
-        return stays_open(calls.raw, where - 3 * n), ""
-    name = calls.coordinates[where % n]
-    if where >= 2 * n:
-        return f"no step is short enough: {calls.why_singular(where - 2 * n, '', q)}", name
+    n, where, state = calls.n, _end_of(calls, progress, q), calls.n + calls.rates
+    if where >= state + n:
+        return stays_open(calls.raw, where - state - n), ""
+    if where >= state:
+        reason = calls.why_singular(where - state, "", q)
+        return f"no step is short enough: {reason}", calls.coordinates[where - state]
+    name = calls.rate_names[where if where < n else where - n]
     what = f"{name}{' is' if where < n else chr(39) + 's rate is'}"
     return f"the error of {what} too great in steps of any length that leads on", name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -93,13 +94,14 @@ class StateBounds:
 
 
 def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
-    """Integrate with fixed steps, as ``Kernel.rollout`` describes it."""
+    """Integrate with fixed steps, as ``Kernel.rollout`` describes it; internal states stand behind velocities."""
     calls.raw.function(rollout_of(options.method))  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
     arrays = read_arrays(calls, inputs, steps, count)
-    shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
-    result = allocate_states(calls, shape, "a larger `every`"), allocate_states(calls, shape, "a larger `every`")
+    shape = (() if count is None else (count,)) + (steps // every + 1,)
+    q, v = (allocate_states(calls, (*shape, size), "a larger `every`") for size in (calls.n, calls.rates))
+    result = q, v
     code = _call(calls, arrays, (dt, steps, every, method), result)
     _refuse_wrong_states(calls, options.method, result, every * dt)
     if code < 0 and all(np.isfinite(array).all() for array in result):
@@ -127,11 +129,12 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
     row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
     state = int((~ok[:, row]).argmax())
-    bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
-    i = int((bad[0] | bad[1]).argmax())
+    bad = [~np.isfinite(array.reshape(*ok.shape, array.shape[-1])[state, row]) for array in result]
+    bad[1][: calls.n] |= bad[0]
+    i = int(bad[1].argmax())
     place = "" if count is None else f" of state {state}"
     advice = _turned_about(calls, arrays) or ADVICE
-    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
+    what = f"{calls.rate_names[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
@@ -167,14 +170,13 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
     q[~good], v[~good] = np.nan, np.nan
     place = f" of state {lead[0]}" if lead else ""
     what = f"dt is too long: at t = {row * apart:.6g} s{place} {said}"
-    where = calls.n - len(calls.internal_states) + state
-    raise _stopped(calls, result, lead[0] if lead else 0, apart, where, what, None)
+    raise _stopped(calls, result, lead[0] if lead else 0, apart, calls.n + state, what, None)
 
 
 def _turned_about(calls: Calls, arrays: RolloutArrays) -> str:
     """Say which forces are on angles of joints with 3-DOF rotation; nothing where there are none."""
     angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
-    names = [calls.coordinates[i] for i in angles if arrays.drives[0][0].reshape(-1, calls.n)[:, i].any()]
+    names = [calls.coordinates[i] for i in angles if arrays.drives[0][0].reshape(-1, calls.inputs)[:, i].any()]
     if not names:
         return ""
     return f" u on {', '.join(names)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
@@ -193,7 +195,7 @@ def _stopped(
 
     Args:
         apart: time between two rows of the result, s.
-        i: coordinate to blame, unless an input is.
+        i: coordinate or internal state to blame, unless an input is.
     """
     good = np.logical_and.accumulate(np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1), axis=-1)
     for array in result:
@@ -204,7 +206,7 @@ def _stopped(
     last = max(rows - 1, 0)
     q, v = (array.reshape(-1, *array.shape[-2:])[state, last].copy() for array in result)
     detail = f"; {trouble}" if trouble else ""
-    name = (trouble.coordinate if trouble else "") or calls.coordinates[i]
+    name = (trouble.coordinate if trouble else "") or calls.rate_names[i]
     message = f"rollout: {reason}; the last good state that is stored is at t = {last * apart:.6g} s{detail}"
     stopped = IntegrationStopped(message, last * apart, q, v, name)
     stopped.stored = result
@@ -217,7 +219,7 @@ def _call(calls: Calls, arrays: RolloutArrays, how: tuple[float, int, int, int],
     Args:
         arrays: states and drives.
         how: dt, steps, every, number of the method.
-        result: q and v, (rows, n) or (count, rows, n); written.
+        result: q and v, (rows, n) or (count, rows, n), v with internal states behind it; written.
     """
     function, count = calls.raw.rollout, arrays.count
     assert function is not None
@@ -260,16 +262,15 @@ class _Run:
 
     def _over_steps(self, first: int, last: int) -> Iterator[int]:
         """Take the steps of states that take longer than one piece."""
-        n, every = self.calls.n, self.how[2]
-        count = last - first
+        every, count = self.how[2], last - first
         most = max(OPERATIONS // (self.function.operations * count), 1)
         if count > 1:
-            most = max(min(most, BUFFER // (count * n) * every), 1)
+            most = max(min(most, BUFFER // (count * self.calls.rates) * every), 1)
         at = [
-            np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C")
+            np.array(np.broadcast_to(x[first:last] if apart else x, (count, x.shape[-1])), order="C")
             for x, apart in self.arrays.starts
         ]
-        room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
+        room = [np.empty(count * (most // every + 2) * x.shape[-1], x.dtype) for x in self.stored]
         turned = np.zeros((count, self.calls.raw.turning_room), self.calls.dtype)
         for begin, end in _spans(self.how[1], every, most):
             apart = min(every, end - begin)
@@ -277,7 +278,8 @@ class _Run:
             ends = [x[first:last, row : row + rows + 1] for x in self.stored]
             in_place = count == 1 and begin % every == 0 and kept == rows
             if not in_place:
-                ends = [x[: count * (rows + 1) * n].reshape(count, rows + 1, n) for x in room]
+                sizes = [(count, rows + 1, x.shape[-1]) for x in self.stored]
+                ends = [x[: math.prod(size)].reshape(size) for x, size in zip(room, sizes, strict=True)]
             before = turned.copy()
             failed = self._call((first, last), (begin, end), apart, at, ends, turned)
             if failed >= 0 and not in_place:  # once more, to know what was reached
@@ -305,11 +307,11 @@ class _Run:
         Args:
             states, span: the first of both, and the one behind the last.
             every: one of so many steps is stored.
-            at: q and v where it begins, (n,) or (states, n).
+            at: q and v where it begins, for one state or (states, n).
             ends: where q and v are stored, (states, rows, n).
             turned: how joints with 3-DOF rotation are turned, a row per state: zeros at first; written.
         """
-        view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
+        view, statuses = self.calls.raw.view, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
         dt, steps, _, method = self.how
         fields = self.arrays.fields(self.calls, first, begin)
@@ -321,7 +323,8 @@ class _Run:
         if self.single:
             failed = int(self.function.code(pointer, *map(view, at), drive, *how, *outs))
         else:
-            q_and_v = [item for x in at for item in (view(x), n if x.ndim > 1 and len(x) == last - first else 0)]
+            apart = [x.shape[-1] if x.ndim > 1 and len(x) == last - first else 0 for x in at]
+            q_and_v = [item for x, step in zip(at, apart, strict=True) for item in (view(x), step)]
             failed = int(self.function.batch(last - first, pointer, *q_and_v, drive, *how, *outs))
         if failed < 0:
             return -1
@@ -349,16 +352,15 @@ def _row(array: Array, apart: int, state: int) -> Array:
 
 def _begins_well(calls: Calls, alone: RolloutArrays, dt: float, step: int, method: int) -> bool:
     """Whether there are accelerations at the q where a failed step begins, so that dt is to blame."""
-    (q, _), n = alone.starts[0], calls.n
-    shape = (2, n) if alone.count is None else (1, 2, n)
-    ends = np.empty(shape, calls.dtype), np.empty(shape, calls.dtype)
+    q, lead = alone.starts[0][0], (2,) if alone.count is None else (1, 2)
+    ends = np.empty((*lead, calls.n), calls.dtype), np.empty((*lead, calls.rates), calls.dtype)
     if step > 0:
         if _call(calls, alone, (dt, step, step, method), ends) >= 0:
             return True
-        q = ends[0].reshape(2, n)[1].copy()
+        q = ends[0].reshape(2, calls.n)[1].copy()
     if not (np.abs(q) < FAR).all():
         return True
-    still = np.zeros(n, calls.dtype)
+    still, none = np.zeros(calls.rates, calls.dtype), np.zeros(calls.inputs, calls.dtype)
     once = min(1e-9 * dt, SHORT), 1, 1, method  # so short that all of its stages are at q
-    free = RolloutArrays(alone.count, [(q, 0), (still, 0)], [(still, 0, 0)], [])
+    free = RolloutArrays(alone.count, [(q, 0), (still, 0)], [(none, 0, 0)], [])
     return _call(calls, free, once, ends) < 0

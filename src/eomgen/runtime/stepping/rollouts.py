@@ -44,14 +44,14 @@ class Rollout(tuple[Array, Array]):
 
     def apart(self, coordinates: int) -> Rollout:
         """Return q and v of so many coordinates, and what stands behind these in v as ``z``."""
-        q, v, z = cut_apart(*self, coordinates)
+        q, rates = self
+        v, z = cut_apart(rates, coordinates)
         return Rollout.of(q, v, **vars(self), z=z)
 
 
-def cut_apart(q: Array, v: Array, coordinates: int) -> tuple[Array, Array, Array]:
-    """Return q and v of so many coordinates, and what stands behind these in v: internal states z."""
-    parts = q[..., :coordinates], v[..., :coordinates], v[..., coordinates:]
-    return tuple(np.ascontiguousarray(x) for x in parts)  # type: ignore[return-value]
+def cut_apart(rates: Array, coordinates: int) -> tuple[Array, Array]:
+    """Return velocities of so many coordinates, and what stands behind these: internal states z."""
+    return np.ascontiguousarray(rates[..., :coordinates]), np.ascontiguousarray(rates[..., coordinates:])
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,11 @@ class RolloutArrays:
 
     Attributes:
         count: number of states, None for a single one that is no batch.
-        starts: q and v, and how far apart two states lie.
-        drives: u and targets, and how far apart their numbers of two states and of two rows are.
-        gains: kp and kd, or none.
-        effort: greatest forces of drives, (n,), or none.
+        starts: q, and velocities with internal states behind them, and how far apart two states lie.
+        drives: u with forces beside drives behind it, and targets, and how far apart their numbers of two states and of
+            two rows are.
+        gains: kp and kd, as u, or none.
+        effort: greatest forces of drives, as u, or none.
     """
 
     count: int | None
@@ -116,14 +117,14 @@ class RolloutArrays:
         arrays = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
         for label, (array, apart) in zip(("q0", "v0", "u", "target"), arrays, strict=False):
             try:
-                calls.arrays.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
+                calls.arrays.refuse_not_finite(label, array, array.shape[-2:] if apart else array.shape[-1:])
             except ArrayError as error:
                 return error
         return None
 
 
 def read_arrays(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> RolloutArrays:
-    """Read states, drives and a controller of a rollout.
+    """Read states, drives and a controller of a rollout, in the arrays of the C.
 
     Args:
         rows: how many drives there may be one after the other.
@@ -133,12 +134,13 @@ def read_arrays(calls: Calls, inputs: Inputs, rows: int, count: int | None) -> R
         ArrayError: arrays that do not fit together.
         InputError: gains that are not allowed.
     """
-    control, u = inputs.control, np.zeros(calls.n, calls.dtype) if inputs.u is None else inputs.u
-    starts = [_start(calls, label, value, count) for label, value in (("q0", inputs.q0), ("v0", inputs.v0))]
-    drives = [_over_time(calls, "u", u, rows, count)]
+    control, u = inputs.control, np.zeros(calls.inputs, calls.dtype) if inputs.u is None else inputs.u
+    states = ("q0", inputs.q0, calls.n), ("v0", inputs.v0, calls.rates)
+    starts = [_start(calls, label, value, count, size) for label, value, size in states]
+    drives = [_over_time(calls, "u", u, rows, count, calls.inputs)]
     gains = _controller_gains(calls, control)
     if control.target is not None:
-        drives.append(_over_time(calls, "target", control.target, rows, count))
+        drives.append(_over_time(calls, "target", control.target, rows, count, calls.n))
     return RolloutArrays(
         count, starts, drives, gains, None if control.effort is None else control.effort.astype(calls.dtype)
     )
@@ -152,15 +154,17 @@ def shape_of(value: ArrayLike) -> tuple[int, ...]:
         return ()
 
 
-def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
-    """Return a state or many, and how far apart two lie."""
-    array, states = _rows(calls, label, value, (calls.n,))
-    return array, calls.n if states == count and count is not None else 0
+def _start(calls: Calls, label: str, value: ArrayLike, count: int | None, n: int) -> tuple[Array, int]:
+    """Return n numbers of a state or many, and how far apart two lie."""
+    array, states = _rows(calls, label, value, (n,))
+    return array, n if states == count and count is not None else 0
 
 
-def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
-    """Return the value, and how far apart its numbers of two states and of two steps are."""
-    n, shape = calls.n, shape_of(value)
+def _over_time(
+    calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None, n: int
+) -> tuple[Array, int, int]:
+    """Return the value, n numbers each, and how far apart those of two states and of two steps are."""
+    shape = shape_of(value)
     if len(shape) == 3:
         array, states = _rows(calls, label, value, (steps, n))
         if states not in (1, count):
@@ -187,7 +191,7 @@ def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) ->
 
 
 def _controller_gains(calls: Calls, control: Control) -> list[Array]:
-    """Return kp and kd, (n,) each; none where there is no controller."""
+    """Return kp and kd, zeros beside drives; none where there is no controller."""
     if control.target is None:
         return []
     gains: list[Array] = []
@@ -196,11 +200,11 @@ def _controller_gains(calls: Calls, control: Control) -> list[Array]:
         if isinstance(value, np.ndarray) and value.ndim == 0:
             value = value.item()
         if value is None or is_number(value):
-            per_coordinate = [0.0] * calls.n
+            per_coordinate = [0.0] * calls.inputs
             for i in driven if value is not None else ():
                 per_coordinate[i] = value  # type: ignore[call-overload]
             value = per_coordinate
-        array, many = calls.array(label, value, (calls.n,))
+        array, many = calls.array(label, value, (calls.inputs,))
         deviations = np.setdiff1d(np.arange(calls.n), driven)
         if many or (array < 0).any():
             raise InputError(f"rollout: {label} must be one number or (n,), none below 0")
