@@ -57,15 +57,16 @@ def close(found: Any, expected: Any, allowed: float = 1e-13) -> None:
 def compare(robot: Robot) -> None:
     """All functions for many states, with other parameters, beside the kernel's."""
     kernel, functions = eomgen.build(robot), made(robot)
-    rng = np.random.default_rng(1)
+    rng, beside = np.random.default_rng(1), {"z": len(kernel.internal_states), "forces": kernel.calls.inputs - kernel.n}
     x = {name: rng.uniform(-0.3, 0.3, (7, kernel.n)) for name in "qvau"}
+    x |= {name: rng.uniform(-0.3, 0.3, (7, size)) for name, size in beside.items()}
     p = {"gravity.z": -3.0} | {name: 1.5 * value for name, value in kernel.parameters.items() if ".modes." in name}
     kernel.parameters.update(p)
     reads = {name: kernel.raw.functions[name].reads for name in NAMES}
     scale = np.linalg.cond(kernel.mass_matrix(x["q"])).max()
     for name in NAMES:
         arrays = [x[array] for array in reads[name]]
-        expected = kernel.calls.run(name, None, arrays)
+        expected = kernel.calls.run(name, None, arrays, whole=True)
         close(getattr(functions, name)(*arrays, p=p), expected, 1e-13 * (scale if name == "forward_dynamics" else 1.0))
     wrench = rng.uniform(-1.0, 1.0, (7, len(kernel.links), 6))
     close(functions.external_force(x["q"], wrench), kernel.functions.external_force(x["q"], wrench))

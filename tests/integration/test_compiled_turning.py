@@ -223,7 +223,10 @@ def test_cubics_do_not_cross_the_pole(built: Build) -> None:
     motion = integrate(kernel, q, v, 0.04, method="scipy:DOP853", rtol=1e-12, output_step=0.02)
     begin, exact, end = np.hstack([motion.q, motion.v])
     assert end[3] - begin[3] > 2.0
-    found, plain = Cubics(kernel.raw.turning).at(0.02, 0.0, begin, 0.04, end), hermite(0.02, 0.0, begin, 0.04, end)
+    found, plain = (
+        Cubics(kernel.raw.turning, kernel.n).at(0.02, 0.0, begin, 0.04, end),
+        hermite(0.02, 0.0, begin, 0.04, end, kernel.n),
+    )
     R, mine, other = (np.asarray(kernel.frame_pose(x[:6].copy(), "body"))[:3, :3] for x in (exact, found, plain))
     assert np.abs(mine - R).max() <= 1e-3
     assert np.abs(other - R).max() >= 10.0 * np.abs(mine - R).max()

@@ -194,19 +194,28 @@ class ContactWatch:
         for k in np.flatnonzero((beyond[1:] != beyond[:-1]).any(axis=1)).tolist():
             self._find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
-    def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
+    def find(
+        self,
+        t0: float,
+        y0: Array,
+        t1: float,
+        y1: Array,
+        at: Callable[[float], Array] | None = None,
+        rates: Array | None = None,
+    ) -> None:
         """Locate the contacts between two states of a motion, and note them.
 
         Args:
             t0, t1: s.
             y0, y1: states (q, v, z) there.
             at: t -> state between; default a cubic through both ends' q and v.
+            rates: of internal states at t0, (m,), for that.
 
         Raises:
             Reached: what the motion goes on to is there.
         """
         if self._until is not None:
-            between = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1))
+            between = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1, rates))
             self._until.look(np.array([t0, t1]), np.stack([y0, y1]), between)
         self._find(t0, y0, t1, y1, at)
 

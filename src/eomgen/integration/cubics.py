@@ -11,7 +11,7 @@ from ..runtime.turning import BACK, ON, SINGULAR, seen
 
 
 class Cubics:
-    """Cubics between states in described coordinates, (q, v, z); internal states z are interpolated linearly.
+    """Cubics between states (q, v, z) in described coordinates; z is linear in time, or with its rates a parabola.
 
     Where the Euler angles of a joint with 3-DOF rotation are nearly singular, they change within a step by up to pi:
     the cubic is one of its other chart's angles then, and points on it are converted back.
@@ -24,14 +24,15 @@ class Cubics:
     def __init__(self, joints: Mapping[str, tuple[int, int]], n: int) -> None:
         self._joints, self._n = joints, n
 
-    def at(self, t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
-        """Interpolate the state at t, s, between two at t0 and t1."""
+    def at(self, t: float, t0: float, y0: Array, t1: float, y1: Array, rates: Array | None = None) -> Array:
+        """Interpolate the state at t, s, between two at t0 and t1; ``rates``: of internal states at t0, (m,)."""
         near = y0[: self._n]
         turned = [places for places in self._joints.values() if _is_turned(places, y0, y1, self._n)]
         if not turned:
-            return hermite(t, t0, y0, t1, y1, self._n)
+            return hermite(t, t0, y0, t1, y1, self._n, rates)
         ends = seen(np.stack([y0, y1]), turned, ON, np.zeros_like(near))
-        return np.asarray(seen(hermite(t, t0, ends[0], t1, ends[1], self._n)[np.newaxis], turned, BACK, near)[0])
+        between = hermite(t, t0, ends[0], t1, ends[1], self._n, rates)
+        return np.asarray(seen(between[np.newaxis], turned, BACK, near)[0])
 
     def among(self, t: float, times: Array, states: Array) -> Array:
         """Interpolate the state at t, s, between two neighbours of states, (k, size), at times, (k,)."""
@@ -48,12 +49,13 @@ def _is_turned(places: tuple[int, int], y0: Array, y1: Array, n: int) -> bool:
     return bool(np.abs(np.cos(other[:, beta])).min() > np.abs(np.cos(states[:, beta])).min())
 
 
-def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array, n: int) -> Array:
-    """Interpolate the state (q, v, z) at t on the cubic through q and v at both ends, (n,) each, and z linearly."""
+def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array, n: int, rates: Array | None = None) -> Array:
+    """Interpolate the state (q, v, z) at t on the cubic through q and v at both ends, (n,) each, z as ``Cubics``."""
     h, (q0, v0, z0), (q1, v1, z1) = t1 - t0, np.split(y0, [n, 2 * n]), np.split(y1, [n, 2 * n])
     x = (t - t0) / h
     d = q1 - q0
     a = h * (v0 + v1) - 2.0 * d
     b = 3.0 * d - h * (2.0 * v0 + v1)
     q = q0 + x * (h * v0 + x * (b + x * a))
-    return np.concatenate([q, v0 + x * (2.0 * b + 3.0 * x * a) / h, z0 + x * (z1 - z0)])
+    bend = 0.0 if rates is None else x * (x - 1.0) * (z1 - z0 - h * rates)
+    return np.concatenate([q, v0 + x * (2.0 * b + 3.0 * x * a) / h, z0 + x * (z1 - z0) + bend])

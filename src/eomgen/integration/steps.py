@@ -197,7 +197,7 @@ def rk4(
                 system.trouble = ArrayError(said, kernel.internal_states[state])
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good)
             if watch is not None:
-                watch.find(t, before, t + h, whole)
+                watch.find(t, before, t + h, whole, rates=k1[k1.size - len(kernel.internal_states) :])
             system.counts["steps"] += 1
         samples.take(whole[np.newaxis])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
