@@ -33,8 +33,8 @@ def bearing(y: complex, x: complex) -> complex:
 
 
 def complex_steps(robot: Robot, s: State, label: str) -> Array:
-    """Derivative of the residual's program by q, v, a or u, (n, n)."""
-    return complex_jacobian(robot, "residual", {x: getattr(s, x) for x in "qvau"}, label)
+    """Derivative of the residual's program by q, v, z, a or u, (n, numbers)."""
+    return complex_jacobian(robot, "residual", {x: getattr(s, x) for x in "qvzau"}, label)
 
 
 def complex_jacobian(robot: Robot, kernel: str, arrays: Mapping[str, Array], label: str) -> Array:

@@ -94,21 +94,29 @@ def check_single_precision(
 
 def check_slopes(robot: Robot, s: State, tolerance: float = 1e-10, of: Robot | None = None) -> None:
     """Compare derivatives of the residual's program with complex steps, of another robot's residual if one is given."""
-    n = build_model(robot).size
-    for block, name in zip(answer(robot, "residual_jacobian", s).reshape(3, n, n), "qva", strict=True):
-        assert close(block, complex_steps(of or robot, s, name), tolerance)
+    size = build_model(robot).size
+    check_columns(answer(robot, "residual_jacobian", s).reshape(3, size, size), of or robot, s, tolerance)
+
+
+def check_columns(slopes: Array, robot: Robot, s: State, tolerance: float = 1e-11) -> None:
+    """Compare derivatives of a residual's rows by q, by v and z, and by a, (3, n + m, n + m), with complex steps."""
+    n = s.q.size
+    for block, names in zip(slopes, ("q", "vz", "a"), strict=True):
+        wanted = np.hstack([complex_steps(robot, s, name) for name in names if getattr(s, name).size])
+        assert close(block[:n, : wanted.shape[1]], wanted, tolerance)
 
 
 def check_jacobians(robot: Robot, states: Sequence[State], built: Build) -> None:
     """Compare compiled derivatives of the residual with complex steps, and those of forward dynamics with them."""
     kernel = built(robot, *JACOBIANS)
+    n, run = kernel.n, kernel.calls.run
     for s in states:
-        for block, name in zip(kernel.residual_jacobian(s.q, s.v, s.a), "qva", strict=True):
-            assert close(block, complex_steps(robot, s, name))
-    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, kernel.forward_dynamics(s.q, s.v, s.u))
-    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
-    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
-        assert close(M @ block, wanted, 1e-9)
+        check_columns(run(kernel.residual_jacobian, None, (s.q, s.v, s.a), z=s.z, whole=True), robot, s)
+    a = kernel.forward_dynamics(s.q, s.v, s.u, s.z)
+    by_q, by_v, M = run(kernel.residual_jacobian, None, (s.q, s.v, a), z=s.z, whole=True)[:, :n]
+    blocks = run(kernel.forward_dynamics_jacobian, None, (s.q, s.v, s.u), z=s.z, whole=True)[:, :n]
+    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(n, kernel.calls.rates)), strict=True):
+        assert close(M[:, :n] @ block, wanted, 1e-9)
 
 
 def check_closed_form(robot: Robot, s: State, tolerance: float = 1e-11) -> None:
@@ -120,8 +128,8 @@ def check_closed_form(robot: Robot, s: State, tolerance: float = 1e-11) -> None:
 
 
 def implicit_step(robot: Robot, s: State, dt: float) -> Array:
-    """Return the acceleration of an implicit step by its program, (n,)."""
-    return answer(robot, "implicit_step", s, added=np.zeros(build_model(robot).size), dt=np.array([dt, dt * dt]))
+    """Return accelerations, then derivatives of internal states, of an implicit step by its program, (n + m,)."""
+    return answer(robot, "implicit_step", s, added=np.zeros(s.u.size + s.forces.size), dt=np.array([dt, dt * dt]))
 
 
 def check_step(
@@ -133,7 +141,7 @@ def check_step(
         push: The forces' values, (n,), by the step's acceleration.
     """
     a, model = implicit_step(robot, s, dt), build_model(robot)
-    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u + push(a))
+    u = np.where(np.isin(np.arange(s.u.size), model.prescribed), s.u, s.u + push(a))
     assert close(a, implicit_step(bare, replace(s, u=u), dt), tolerance)
 
 

@@ -32,7 +32,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Motor, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
-from eomgen.state.drives import drive_jacobian
+from eomgen.state.drives import acceleration_slopes, drive_jacobian
 from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.oracles.complex_step import complex_steps
 from tests.oracles.force_laws import (
@@ -570,24 +570,25 @@ def test_slopes_are_those_of_drives(seed: int, built: Build) -> None:
     """M da = (drives' slopes - residual's) d, and drives' slopes are differences of what they do."""
     robot = driven(seed)
     kernel, oracle = built(robot), DriveOracle(robot)
-    n = len(kernel.coordinates)
+    n, calls = kernel.n, kernel.calls
     for i in range(3):
         s = random_state(robot, seed + i)
-        a = kernel.forward_dynamics(s.q, s.v, s.u)
-        by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
-        ours = drive_jacobian(kernel, s.q, s.v, s.u)
+        Q, V, _, U = oracle.arrays(s)
+        a = calls.run("forward_dynamics", None, (s.q, s.v, s.z, s.u, s.forces))
+        by_q, by_v, M = calls.run("residual_jacobian", None, (s.q, s.v, a), z=s.z, whole=True)
+        ours = drive_jacobian(kernel, s.q, V, s.u)
         scale = 1.0 / np.diagonal(M).copy()
         scale[:n] = 1.0 / np.abs(M[:n, :n]).max()
-        blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
+        blocks = acceleration_slopes(kernel, s.q, V, s.u, s.forces)
         wanted = (ours[0] - by_q, ours[1] - by_v, ours[2])
         for block, other in zip(blocks, wanted, strict=True):
             assert close(scale[:, None] * (M @ block), scale[:, None] * other, 1e-8)
         w = np.where(np.isnan(oracle.inertias()), 1.0, oracle.inertias())
         for which, slopes in enumerate(ours):
-            for k in range(kernel.n):
+            for k in range(oracle.size):
                 h, ends, beside = 1e-6, [], []
                 for sign in (1.0, -1.0, 2.0, -2.0):
-                    moved = [s.q.copy(), s.v.copy(), s.u.copy()]
+                    moved = [Q.copy(), V.copy(), U.copy()]
                     moved[which][k] += sign * h
                     forces, rates, _ = oracle.driven(*moved)
                     kept = np.where(np.isnan(oracle.inertias()), forces, w * rates)
