@@ -60,8 +60,7 @@ def drive_jacobian(kernel: Kernel, q: Array, v: Array, u: Array) -> tuple[Array,
     """
     velocities, z = cut_apart(v, kernel.n)
     by_q, by_v, by_u = kernel.calls.run(KernelFunctions.drive_jacobian, None, (q, velocities, u), z=z, whole=True)
-    names = kernel.calls.rate_names
-    inputs = np.diag([float(name not in kernel.internal_states or not is_of_drive(name)) for name in names])
+    inputs = np.diag(np.arange(kernel.calls.rates) < kernel.n).astype(float)
     for i, place in enumerate(places_of_forces(kernel)):
         if place != i:
             inputs[i, place] = 1.0  # a force beside the drive

@@ -32,7 +32,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Motor, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
-from eomgen.state.drives import acceleration_slopes, drive_jacobian
+from eomgen.state.drives import acceleration_slopes, drive_jacobian, places_of_forces
 from eomgen.state.springs import coordinate_sizes, stiffnesses
 from tests.oracles.complex_step import complex_steps
 from tests.oracles.force_laws import (
@@ -585,7 +585,7 @@ def test_slopes_are_those_of_drives(seed: int, built: Build) -> None:
             assert close(scale[:, None] * (M @ block), scale[:, None] * other, 1e-8)
         w = np.where(np.isnan(oracle.inertias()), 1.0, oracle.inertias())
         for which, slopes in enumerate(ours):
-            for k in range(oracle.size):
+            for k in range(oracle.size) if which < 2 else {*range(n), *places_of_forces(kernel)}:
                 h, ends, beside = 1e-6, [], []
                 for sign in (1.0, -1.0, 2.0, -2.0):
                     moved = [Q.copy(), V.copy(), U.copy()]
