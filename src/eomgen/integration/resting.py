@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Mask
-from ..errors import check_kind
+from ..errors import ArrayError, check_kind
 from ..names import component_name
 from ..robot.internal_states.bristles import BRISTLES, sliding_force
 from ..robot.laws import SMOOTHING
@@ -37,7 +37,7 @@ class Rest:
     ends: float
 
 
-def rests(kernel: Kernel, t: Array, q: Array, v: Array, z: Array) -> tuple[Rest, ...]:
+def rests(kernel: Kernel, t: Array, q: Array, v: Array, z: Array | None = None) -> tuple[Rest, ...]:
     """Return the intervals in which friction held coordinates along a motion, by time, to the distance of samples.
 
     A coordinate sticks where it has Coulomb friction and its velocity is below ``NEAR`` smoothings, or as many of the
@@ -48,14 +48,19 @@ def rests(kernel: Kernel, t: Array, q: Array, v: Array, z: Array) -> tuple[Rest,
         kernel: with the parameters of the motion.
         t: times, (T,), s.
         q, v: coordinates and velocities, (T, n).
-        z: internal states, (T, m).
+        z: internal states, (T, m), of robots that have some.
+
+    Raises:
+        ArrayError: z is missing.
     """
     check_kind("kernel", kernel, hasattr(kernel, "calls"), "a Kernel (of eomgen.build, or of a generated package)")
+    if kernel.internal_states and z is None:
+        raise ArrayError(f"z: missing; allowed: (T, {len(kernel.internal_states)})")
     widths, intervals = smoothings(kernel), list[Rest]()
     if not (widths or kernel.internal_states) or t.size < 2:
         return ()
     rates = dict(zip(acting(kernel), np.hstack([v, v @ follower_matrix(kernel)[0].T]).T, strict=True))
-    rates |= dict(zip(kernel.internal_states, z.T, strict=True))
+    rates |= dict(zip(kernel.internal_states, () if z is None else z.T, strict=False))
     laws = {name: x for name, x in law_numbers(kernel).items() if name not in kernel.prescribed}
     cut = {name: x for name, x in cut_numbers(kernel).items() if _has_coulomb_friction(x)}
     if cut:
