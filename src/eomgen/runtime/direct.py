@@ -16,10 +16,12 @@ from functools import partial
 from types import ModuleType
 from typing import Any, Protocol
 
+from .arrays import axes_with_states
 from .chunking import states_at_once
 from .raw import Array, Library, RawFunction, RawKernel, Setup
 
 NAME = "_direct"
+MOST = 12  # arrays that the module hands on, as in ``direct_data.h``
 
 
 class State:
@@ -162,6 +164,8 @@ class DirectFunctions:
         """Return a function of a kernel with that state: plain calls go to the C, all others to ``called``."""
         function = self._made.get(checked.name)
         if function is None:
+            if len(self._raw.functions[checked.name].reads) > MOST:
+                return called
             function = self._made.setdefault(checked.name, self._function(checked))
         bound: Callable[..., Any] = self.module.bind(function, called, state)
         return bound
@@ -169,33 +173,38 @@ class DirectFunctions:
     def _function(self, checked: Checked) -> Any:
         raw, function = self._raw, self._raw.functions[checked.name]
         has_loops = bool(raw.libraries.meta.get("constraints"))
-        term = function.wrench
-        into = function.reads.index(term.into) if term and term.into else -1
+        term, shape = function.wrench, raw.shapes[function.writes]
+        into = checked.labels.index(term.into) if term and term.into else -1
+        whole = len(shape) - axes_with_states(function.writes)  # axes without internal states behind the coordinates
+        states = len(raw.libraries.meta.get("internal_states", ()))
+        places = [(x, *self._role(x, function, has_loops)) for x in checked.labels]
+        held = [x for x in function.reads if x not in checked.labels]  # forces beside drives
         return self.module.Function(
             name=checked.name,
             arming=self._arming,
             dtype=raw.dtype,
-            places=tuple((x, *self._role(x, function, has_loops)) for x in checked.labels),
+            places=(*places, *((x, "zeros", raw.shapes[x], function.reads.index(x)) for x in held)),
             positional=checked.positional,
-            result=raw.shapes[function.writes],
+            result=shape,
+            returned=(*shape[:whole], *(length - states for length in shape[whole:])),
             in_parts=bool(checked.axes),
             cut_must_be_false=has_loops,
             frames=self._frames,
             added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def _role(self, label: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
-        """Return the role of an argument and the shape of its array, as the module takes them."""
+    def _role(self, label: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...], int]:
+        """Return the role of an argument, the shape of its array, and its number in the C, as the module takes them."""
         if label in function.reads:
-            return "read", self._raw.shapes[label]
+            return "read", self._raw.shapes[label], function.reads.index(label)
         if label in ("frame", "out", "cut"):
-            return label, ()
+            return label, (), -1
         term, functions = function.wrench, self._raw.functions
         if label != "wrench" or term is None or term.function not in functions or (function.loaded and has_loops):
-            return "nothing", ()
+            return "nothing", (), -1
         if term.into and self._raw.libraries.meta.get("inputs"):  # where forces stand elsewhere
-            return "nothing", ()
-        return label, self._raw.shapes[label]
+            return "nothing", (), -1
+        return label, self._raw.shapes[label], -1
 
 
 def _arm(
