@@ -18,10 +18,9 @@ from typing import Any, Protocol
 
 from .arrays import axes_with_states
 from .chunking import states_at_once
-from .raw import Array, Library, RawFunction, RawKernel, Setup
+from .raw import Array, Library, RawKernel, Setup
 
 NAME = "_direct"
-MOST = 12  # arrays that the module hands on, as in ``direct_data.h``
 
 
 class State:
@@ -164,7 +163,7 @@ class DirectFunctions:
         """Return a function of a kernel with that state: plain calls go to the C, all others to ``called``."""
         function = self._made.get(checked.name)
         if function is None:
-            if len(self._raw.functions[checked.name].reads) > MOST:
+            if len(self._raw.functions[checked.name].reads) > self.module.ARRAYS:
                 return called
             function = self._made.setdefault(checked.name, self._function(checked))
         bound: Callable[..., Any] = self.module.bind(function, called, state)
@@ -173,38 +172,36 @@ class DirectFunctions:
     def _function(self, checked: Checked) -> Any:
         raw, function = self._raw, self._raw.functions[checked.name]
         has_loops = bool(raw.libraries.meta.get("constraints"))
-        term, shape = function.wrench, raw.shapes[function.writes]
+        term, numbers = function.wrench, {x: i for i, x in enumerate(function.reads)}
         into = checked.labels.index(term.into) if term and term.into else -1
-        whole = len(shape) - axes_with_states(function.writes)  # axes without internal states behind the coordinates
-        states = len(raw.libraries.meta.get("internal_states", ()))
-        places = [(x, *self._role(x, function, has_loops)) for x in checked.labels]
-        held = [x for x in function.reads if x not in checked.labels]  # forces beside drives
+        labels = (*checked.labels, *(x for x in numbers if x not in checked.labels))  # behind all: forces beside drives
         return self.module.Function(
             name=checked.name,
             arming=self._arming,
             dtype=raw.dtype,
-            places=(*places, *((x, "zeros", raw.shapes[x], function.reads.index(x)) for x in held)),
+            places=tuple((x, *self._role(x, checked, has_loops), numbers.get(x, -1)) for x in labels),
             positional=checked.positional,
-            result=shape,
-            returned=(*shape[:whole], *(length - states for length in shape[whole:])),
+            result=raw.shapes[function.writes],
+            states=(axes_with_states(function.writes), len(raw.libraries.meta.get("internal_states", ()))),
             in_parts=bool(checked.axes),
             cut_must_be_false=has_loops,
             frames=self._frames,
             added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def _role(self, label: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...], int]:
-        """Return the role of an argument, the shape of its array, and its number in the C, as the module takes them."""
+    def _role(self, label: str, checked: Checked, has_loops: bool) -> tuple[str, tuple[int, ...]]:
+        """Return the role of an argument and the shape of its array, as the module takes them."""
+        function = self._raw.functions[checked.name]
         if label in function.reads:
-            return "read", self._raw.shapes[label], function.reads.index(label)
+            return "read" if label in checked.labels else "zeros", self._raw.shapes[label]
         if label in ("frame", "out", "cut"):
-            return label, (), -1
+            return label, ()
         term, functions = function.wrench, self._raw.functions
         if label != "wrench" or term is None or term.function not in functions or (function.loaded and has_loops):
-            return "nothing", (), -1
+            return "nothing", ()
         if term.into and self._raw.libraries.meta.get("inputs"):  # where forces stand elsewhere
-            return "nothing", (), -1
-        return label, self._raw.shapes[label], -1
+            return "nothing", ()
+        return label, self._raw.shapes[label]
 
 
 def _arm(

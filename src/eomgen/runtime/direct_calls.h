@@ -109,16 +109,6 @@ static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape
     return lengths[0] > 0 ? lengths[0] : -1;
 }
 
-static int all_finite(const Function *f, const void *numbers, npy_intp count)
-{
-    return look_at[f->dtype->type_num != NPY_DOUBLE](numbers, count);
-}
-
-static npy_intp bytes_of(const Function *f, npy_intp count)
-{
-    return count * (f->dtype->type_num == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
-}
-
 /* The parts of a result along its first axis, as views of it. */
 static PyObject *views_of(const Function *f, PyArrayObject *whole, npy_intp states)
 {
@@ -261,9 +251,10 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
                 call->wrench_step = step_of(&place->shape, states);
                 continue;
             }
-            call->x[place->array] = PyArray_DATA((PyArrayObject *)value);
-            call->sizes[place->array] = states > 0 ? states * place->shape.size : place->shape.size;
-            call->steps[place->array] = step_of(&place->shape, states);
+            const int to = place->array;
+            call->x[to] = PyArray_DATA((PyArrayObject *)value);
+            call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
+            call->steps[to] = step_of(&place->shape, states);
         } else if (place->role == FRAME) {
             if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
@@ -362,16 +353,6 @@ static void compute_added(const Function *f, const void *h, const Plain *call, v
         (void)(is_double ? many_double : many_float)(code, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
 }
 
-/* to = from + sign * what, each of one state for all or of as many as there are. */
-static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
-                double sign, npy_intp states, npy_intp size, void *to)
-{
-    if (f->dtype->type_num == NPY_DOUBLE)
-        sum_double(from, from_step, what, what_step, sign, states, size, to);
-    else
-        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
-}
-
 /* Numbers of a call beside its result: what wrenches add, an array with it, and all that the code writes where calls
  * return a part of that; in place where there are few. */
 typedef struct {
@@ -404,26 +385,11 @@ static int make_room(const Function *f, const Plain *call, Beside *beside)
     return 0;
 }
 
-/* Copy what calls return of all that the code has written. */
-static void keep_leading(const Function *f, const char *whole, npy_intp states, char *out)
-{
-    const int last = f->result.axes - 1;
-    const npy_intp size = f->result.lengths[last], kept = bytes_of(f, f->returned.lengths[last]);
-    const npy_intp rows = last > 0 ? f->result.lengths[last - 1] : 1;
-    const npy_intp kept_rows = last > 0 ? f->returned.lengths[last - 1] : 1;
-    for (npy_intp row = 0; row < states * f->result.size / size; ++row) {
-        if (row % rows >= kept_rows) continue;
-        memcpy(out, whole + bytes_of(f, row * size), (size_t)kept);
-        out += kept;
-    }
-}
-
 /* Compute what the wrenches add, and put it into the array that takes it, if one does; 0 where all of it is regular. */
 static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
 {
-    const npy_intp size = added_size(f);
+    const npy_intp size = added_size(f), step = call->wrench_states > 0 ? size : 0;
     const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
-    const npy_intp step = call->wrench_states > 0 ? size : 0;
     compute_added(f, h, call, beside->added);
     if (checks && !all_finite(f, beside->added, states * size)) return -1;
     if (f->into < 0) return 0;

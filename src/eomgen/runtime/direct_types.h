@@ -199,26 +199,28 @@ static int read_added(Function *f, PyObject *entry)
     return 0;
 }
 
-/* Whether what is returned of a result is its leading numbers along the last two axes. */
-static int is_leading(const Function *f)
+/* What is returned of a result: all but so many numbers at the ends of the last axes. */
+static int leave_out(Function *f, int axes, int states)
 {
-    int fits = f->returned.axes == f->result.axes;
-    for (int i = 0; fits && i < f->result.axes; ++i) {
-        const npy_intp left = f->result.lengths[i] - f->returned.lengths[i];
-        fits = left == 0 || (left > 0 && i >= f->result.axes - 2);
+    f->returned = f->result;
+    f->returned.size = 1;
+    for (int i = 0; i < f->result.axes; ++i) {
+        if (i >= f->result.axes - axes) f->returned.lengths[i] -= states;
+        if (f->returned.lengths[i] < 0) return -1;
+        f->returned.size *= f->returned.lengths[i];
     }
-    return fits;
+    return axes < 0 || axes > 2 || states < 0 ? -1 : 0;
 }
 
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"name",     "arming",   "dtype",             "places", "positional", "result",
-                            "returned", "in_parts", "cut_must_be_false", "frames", "added",      NULL};
-    PyObject *name, *arming, *dtype, *places, *result, *returned, *frames, *added;
-    int positional, in_parts, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOO!O!iOOppO!O!:Function", names, &name, &arming,
+    static char *names[] = {"name",   "arming",   "dtype",             "places", "positional", "result",
+                            "states", "in_parts", "cut_must_be_false", "frames", "added",      NULL};
+    PyObject *name, *arming, *dtype, *places, *result, *frames, *added;
+    int positional, axes, states, in_parts, cut;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOO!O!iO(ii)ppO!O!:Function", names, &name, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &returned, &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
+                                     &axes, &states, &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -234,10 +236,8 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     f->positional = positional;
     f->in_parts = in_parts;
     f->cut_must_be_false = cut;
-    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_shape(returned, &f->returned) < 0 ||
-        read_added(f, added) < 0)
-        goto failed;
-    if (positional > f->places || (in_parts && f->result.axes < 1) || !is_leading(f)) {
+    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
+    if (positional > f->places || (in_parts && f->result.axes < 1) || leave_out(f, axes, states) < 0) {
         PyErr_SetString(PyExc_ValueError, "no function has such a result");
         goto failed;
     }
