@@ -374,7 +374,6 @@ static int make_room(const Function *f, const Plain *call, Beside *beside)
     const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, states * size);
     const size_t whole = f->returned.size == f->result.size ? 0 : (size_t)bytes_of(f, states * f->result.size);
     const size_t all = one + other + whole;
-    beside->memory = NULL;
     beside->added = (char *)beside->few;
     if (all > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(all)) == NULL) {
         PyErr_NoMemory();
@@ -435,7 +434,9 @@ static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_s
     Beside beside;
     const int is_plain = sort_arguments(f, args, count, names, arguments) == 0 && look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
-    if (!is_plain || make_room(f, &call, &beside) < 0) return NULL;
+    const int needs_room = call.wrench != NULL || f->returned.size < f->result.size;
+    beside.memory = beside.whole = NULL;
+    if (!is_plain || (needs_room && make_room(f, &call, &beside) < 0)) return NULL;
     PyObject *answer = NULL;
     PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[MAIN]), *kept_added = NULL;
     if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);

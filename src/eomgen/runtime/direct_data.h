@@ -52,8 +52,8 @@ typedef struct {
 typedef struct {
     PyObject *label; /* interned: a keyword is it, not only equal to it */
     Role role;
-    Shape shape;
     int array; /* its number among those that the code reads, of READ and ZEROS */
+    Shape shape;
 } Place;
 
 /* What a function calls, and for what: for one state or for many. */
