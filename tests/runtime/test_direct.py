@@ -327,7 +327,7 @@ WRONG_Z: dict[str, Callable[[Array], Any]] = {
 )
 def test_internal_states(robot: str, dtype: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where loops are closed, too: z by its name or place, missing or wrong; results without rates of z."""
-    names = "forward_dynamics inverse_dynamics generalized_force residual energy reactions".split()
+    names = ["forward_dynamics", "inverse_dynamics", "generalized_force", "residual", "energy", "reactions"]
     names += ["forward_dynamics_jacobian", "residual_jacobian"]
     kernel, rng = built(ROBOTS[robot](), "all", dtype=dtype), np.random.default_rng(7)
     plain, n, wrench = in_python(kernel), kernel.calls.n, rng.normal(size=kernel.raw.shapes["wrench"]).astype(dtype)

@@ -7,8 +7,8 @@
  * Function, a State, and the function in Python, which takes the same arguments.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no option asks for more than `out`, `wrench` and `z`.  Whatever is
- * not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the function
+ * exactly the shape of one state or of N of them, and no option asks for more than `out`, `wrench` and `z`.  Whatever
+ * is not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the function
  * in Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results
  * and messages are the same by construction.
  *
