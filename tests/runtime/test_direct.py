@@ -27,6 +27,8 @@ from eomgen.runtime.direct import ExtensionBinding
 from eomgen.runtime.methods.bound import BoundFunctions
 from eomgen.runtime.methods.functions import Functions
 from tests.support.bending_mixtures import mixture
+from tests.support.bristled import bristled_arm, served_arm
+from tests.support.bristles import bristle_linkage
 from tests.support.builds import Build
 from tests.support.methods import method_of
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
@@ -148,7 +150,7 @@ class Calls:
         for label, parameter in inspect.signature(method_of(kernel, name)).parameters.items():
             if label in entry["reads"] or label == "u":
                 value = array(kernel.raw.shapes[label])
-                if label not in entry["reads"] and rng.random() < 0.5:
+                if rng.random() < (0.5 if label not in entry["reads"] else 0.1 if label == "z" else 0.0):
                     continue
             elif label == "frame":
                 value = rng.choice([*kernel.frames, "tpc", ""]) if rng.random() < 0.8 else rng.choice([0, None, 1.5])
@@ -157,7 +159,7 @@ class Calls:
                 if rng.random() < 0.5:
                     continue
                 kind = str(rng.choice(list(OUTS))) if rng.random() < fresh else batch
-                shape = kernel.raw.shapes[entry["writes"]]
+                shape = returned_shape(kernel, entry["writes"])
                 value = OUTS[kind](np.full(shape, 7.0, kernel.dtype), positional or [None])
                 said.append(f"out: {kind}")
             elif label == "wrench":
@@ -196,6 +198,12 @@ def in_python(kernel: Kernel) -> Kernel:
     return other
 
 
+def returned_shape(kernel: Kernel, writes: str) -> tuple[int, ...]:
+    """Return the shape of an array as methods return it: without internal states behind the coordinates."""
+    shape, axes = kernel.raw.shapes[writes], kernel.calls.arrays.axes_with_states(writes)
+    return (*shape[: len(shape) - axes], *(kernel.calls.n,) * axes)
+
+
 def is_direct(kernel: Kernel, name: str) -> bool:
     return type(kernel._bound[name]).__name__ == "Direct"
 
@@ -229,8 +237,11 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
     "loops": lambda: with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",)),
     "prescribed": lambda: some_prescribed(random_robot(33, joints=(2, 2)), 33),
     "bending": lambda: mixture(34, ("laws", "prescribed", "springs"), (2, 2)).robot,
+    "bristles": bristled_arm,
+    "a servo drive": served_arm,
+    "loops with bristles": bristle_linkage,
 }
-SLOW = ("a tree", "loops", "bending")
+SLOW = ("a tree", "loops", "bending", "a servo drive", "loops with bristles")
 
 
 @pytest.mark.parametrize("calls", [25, pytest.param(400, marks=pytest.mark.soak)])
@@ -298,6 +309,51 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     kernel.mass_matrix(np.zeros((512, 2)))
     kernel.mass_matrix(np.zeros((511, 2)))
     assert asked == ["mass_matrix", "bias_force", "christoffel", "mass_matrix"]
+
+
+WRONG_Z: dict[str, Callable[[Array], Any]] = {
+    "None": lambda z: None,
+    "a list": lambda z: z.tolist(),
+    "NaN": lambda z: _with(z, np.nan),
+    "one more": lambda z: np.append(z, z[..., :1], axis=-1),
+    "another dtype": lambda z: z.astype(np.float32 if z.dtype == np.float64 else np.float64),
+    "another batch": lambda z: np.stack([z] * (N + 1)),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "robot", ["bristles", "a servo drive", pytest.param("loops with bristles", marks=pytest.mark.soak)]
+)
+def test_internal_states(robot: str, dtype: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where loops are closed, too: z by its name or place, missing or wrong; results without rates of z."""
+    names = ["forward_dynamics", "inverse_dynamics", "generalized_force", "residual", "energy", "reactions"]
+    names += ["forward_dynamics_jacobian", "residual_jacobian"]
+    kernel, rng = built(ROBOTS[robot](), "all", dtype=dtype), np.random.default_rng(7)
+    plain, n, wrench = in_python(kernel), kernel.calls.n, rng.normal(size=kernel.raw.shapes["wrench"]).astype(dtype)
+    arrays = {x: (0.1 * rng.normal(size=n)).astype(dtype) for x in "qvau"}
+    if kernel.constraints:
+        arrays |= {"q": kernel.assemble(kernel.home).astype(dtype), "v": np.zeros(n, dtype), "a": np.zeros(n, dtype)}
+    arrays["z"] = (1e-5 * rng.normal(size=kernel.raw.shapes["z"])).astype(dtype)
+    many = {x: np.stack([array] * N) for x, array in arrays.items()}
+    many |= {x: array * np.linspace(0.5, 1.0, N, dtype=dtype)[:, np.newaxis] for x, array in many.items() if x in "uz"}
+    for name in names:
+        function = kernel.raw.functions[name]
+        shape = returned_shape(kernel, function.writes)
+        for source in (arrays, many):
+            given, z = [source[x] for x in function.arguments], {"z": source["z"]}
+            calls = [(given, z), (given, {"z": arrays["z"]}), ([arrays[x] for x in function.arguments], z), (given, {})]
+            calls += [(given, {"z": change(source["z"])}) for change in WRONG_Z.values()]
+            calls += [(given, {**z, "out": np.full((*given[0].shape[:-1], *shape), 7.0, dtype)})]
+            calls += [(given, {**z, "forces": arrays["z"]}), ([*given, source["z"]], {})]
+            calls += [(given, {**z, "wrench": wrench})] if function.wrench else []
+            for number, (values, options) in enumerate(calls):
+                found, expected = (outcome(getattr(x, name), values, options) for x in (kernel, plain))
+                assert found == expected, (name, number, found[0], expected[0])
+        with monkeypatch.context() as patch:
+            patch.setattr("eomgen.runtime.calls.Calls.run", None)
+            for source in (arrays, many):
+                getattr(kernel, name)(*(source[x] for x in function.arguments), z=source["z"])
 
 
 @pytest.mark.parametrize("direct", [True, False])

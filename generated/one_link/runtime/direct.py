@@ -16,8 +16,9 @@ from functools import partial
 from types import ModuleType
 from typing import Any, Protocol
 
+from .arrays import axes_with_states
 from .chunking import states_at_once
-from .raw import Array, Library, RawFunction, RawKernel, Setup
+from .raw import Array, Library, RawKernel, Setup
 
 NAME = "_direct"
 
@@ -162,6 +163,8 @@ class DirectFunctions:
         """Return a function of a kernel with that state: plain calls go to the C, all others to ``called``."""
         function = self._made.get(checked.name)
         if function is None:
+            if len(self._raw.functions[checked.name].reads) > self.module.ARRAYS:
+                return called
             function = self._made.setdefault(checked.name, self._function(checked))
         bound: Callable[..., Any] = self.module.bind(function, called, state)
         return bound
@@ -169,25 +172,28 @@ class DirectFunctions:
     def _function(self, checked: Checked) -> Any:
         raw, function = self._raw, self._raw.functions[checked.name]
         has_loops = bool(raw.libraries.meta.get("constraints"))
-        term = function.wrench
-        into = function.reads.index(term.into) if term and term.into else -1
+        term, numbers = function.wrench, {x: i for i, x in enumerate(function.reads)}
+        into = checked.labels.index(term.into) if term and term.into else -1
+        labels = (*checked.labels, *(x for x in numbers if x not in checked.labels))  # behind all: forces beside drives
         return self.module.Function(
             name=checked.name,
             arming=self._arming,
             dtype=raw.dtype,
-            places=tuple((x, *self._role(x, function, has_loops)) for x in checked.labels),
+            places=tuple((x, *self._role(x, checked, has_loops), numbers.get(x, -1)) for x in labels),
             positional=checked.positional,
             result=raw.shapes[function.writes],
+            states=(axes_with_states(function.writes), len(raw.libraries.meta.get("internal_states", ()))),
             in_parts=bool(checked.axes),
             cut_must_be_false=has_loops,
             frames=self._frames,
             added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def _role(self, label: str, function: RawFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
+    def _role(self, label: str, checked: Checked, has_loops: bool) -> tuple[str, tuple[int, ...]]:
         """Return the role of an argument and the shape of its array, as the module takes them."""
+        function = self._raw.functions[checked.name]
         if label in function.reads:
-            return "read", self._raw.shapes[label]
+            return "read" if label in checked.labels else "zeros", self._raw.shapes[label]
         if label in ("frame", "out", "cut"):
             return label, ()
         term, functions = function.wrench, self._raw.functions

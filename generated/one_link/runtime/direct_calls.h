@@ -109,25 +109,15 @@ static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape
     return lengths[0] > 0 ? lengths[0] : -1;
 }
 
-static int all_finite(const Function *f, const void *numbers, npy_intp count)
-{
-    return look_at[f->dtype->type_num != NPY_DOUBLE](numbers, count);
-}
-
-static npy_intp bytes_of(const Function *f, npy_intp count)
-{
-    return count * (f->dtype->type_num == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
-}
-
 /* The parts of a result along its first axis, as views of it. */
 static PyObject *views_of(const Function *f, PyArrayObject *whole, npy_intp states)
 {
-    const npy_intp count = f->result.lengths[0], size = count > 0 ? f->result.size / count : 0;
-    const int axes = f->result.axes, skipped = states == 0;
-    npy_intp lengths[AXES] = {states}, steps[AXES] = {bytes_of(f, f->result.size)};
+    const npy_intp count = f->returned.lengths[0], size = count > 0 ? f->returned.size / count : 0;
+    const int axes = f->returned.axes, skipped = states == 0;
+    npy_intp lengths[AXES] = {states}, steps[AXES] = {bytes_of(f, f->returned.size)};
     npy_intp below = size;
-    for (int i = 1; i < f->result.axes; ++i) {
-        lengths[i] = f->result.lengths[i];
+    for (int i = 1; i < f->returned.axes; ++i) {
+        lengths[i] = f->returned.lengths[i];
         below = lengths[i] > 0 ? below / lengths[i] : 0;
         steps[i] = bytes_of(f, below);
     }
@@ -216,7 +206,7 @@ typedef struct {
     const void *x[ARRAYS]; /* the arrays that the code reads */
     npy_intp sizes[ARRAYS];
     size_t steps[ARRAYS]; /* numbers between two states */
-    int reads, frame;
+    int frame;
     npy_intp states; /* 0 for one alone */
     PyArrayObject *out;
     const void *wrench; /* or NULL */
@@ -261,7 +251,7 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
                 call->wrench_step = step_of(&place->shape, states);
                 continue;
             }
-            const int to = call->reads++;
+            const int to = place->array;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
             call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
             call->steps[to] = step_of(&place->shape, states);
@@ -272,6 +262,9 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
             if (value != NULL && value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
+        } else if (place->role == ZEROS) {
+            if (value != NULL) return -1;
+            call->x[place->array] = f->zeros;
         } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
@@ -286,16 +279,16 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
         if (call->wrench_states > 0 && call->states > call->codes[ADDED]->piece) return -1;
     }
     if (call->out != NULL) {
-        const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
+        const npy_intp states = states_of((PyObject *)call->out, f, &f->returned);
         if (states != call->states || !PyArray_ISWRITEABLE(call->out)) return -1;
         const char *first = PyArray_DATA(call->out), *end = first + PyArray_NBYTES(call->out);
-        for (int i = 0; i < call->reads; ++i) {
+        for (int i = 0; i < f->reads; ++i) {
             const char *other = call->x[i];
             if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
         }
     }
     if (PUBLISHED(state->checks)) {
-        for (int i = 0; i < call->reads; ++i) {
+        for (int i = 0; i < f->reads; ++i) {
             if (in_pieces(call) && call->steps[i] > 0) continue; /* each piece by itself */
             if (!all_finite(f, call->x[i], call->sizes[i])) return -1;
         }
@@ -307,8 +300,8 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
 static PyArrayObject *new_result(const Function *f, npy_intp states)
 {
     npy_intp lengths[AXES + 1] = {states};
-    memcpy(lengths + 1, f->result.lengths, sizeof f->result.lengths);
-    const int skipped = states == 0, axes = f->result.axes + 1 - skipped;
+    memcpy(lengths + 1, f->returned.lengths, sizeof f->returned.lengths);
+    const int skipped = states == 0, axes = f->returned.axes + 1 - skipped;
     Py_INCREF(f->dtype);
     return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, axes, lengths + skipped, NULL, NULL, 0, NULL);
 }
@@ -317,9 +310,9 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
     if (call->states == 0)
-        return (is_double ? one_double : one_float)(call->codes[MAIN], f->framed, call->reads, h, call->x, call->frame,
+        return (is_double ? one_double : one_float)(call->codes[MAIN], f->framed, f->reads, h, call->x, call->frame,
                                                     out);
-    return (is_double ? many_double : many_float)(call->codes[MAIN], f->framed, call->reads, (size_t)call->states, h,
+    return (is_double ? many_double : many_float)(call->codes[MAIN], f->framed, f->reads, (size_t)call->states, h,
                                                   call->x, call->steps, call->frame, out);
 }
 
@@ -328,13 +321,13 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 static int compute_pieces(const Function *f, const void *h, const Plain *call, int checks, void *out)
 {
     npy_intp numbers = f->result.size;
-    for (int i = 0; i < call->reads; ++i)
+    for (int i = 0; i < f->reads; ++i)
         if (call->steps[i] > 0) numbers += call->sizes[i] / call->states;
     const npy_intp most = PIECE / bytes_of(f, numbers) / ROUND * ROUND, piece = most > ROUND ? most : ROUND;
     for (npy_intp begin = 0; begin < call->states; begin += piece) {
         Plain part = *call;
         part.states = call->states - begin < piece ? call->states - begin : piece;
-        for (int i = 0; i < call->reads; ++i) {
+        for (int i = 0; i < f->reads; ++i) {
             if (call->steps[i] == 0) continue;
             const npy_intp size = call->sizes[i] / call->states;
             part.x[i] = (const char *)call->x[i] + bytes_of(f, begin * size);
@@ -360,57 +353,54 @@ static void compute_added(const Function *f, const void *h, const Plain *call, v
         (void)(is_double ? many_double : many_float)(code, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
 }
 
-/* to = from + sign * what, each of one state for all or of as many as there are. */
-static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
-                double sign, npy_intp states, npy_intp size, void *to)
-{
-    if (f->dtype->type_num == NPY_DOUBLE)
-        sum_double(from, from_step, what, what_step, sign, states, size, to);
-    else
-        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
-}
-
-/* Numbers of a call with wrenches: what they add, and an array with it; in place where there are few. */
+/* Numbers of a call beside its result: what wrenches add, an array with it, and all that the code writes where calls
+ * return a part of that; in place where there are few. */
 typedef struct {
     double few[128];
     void *memory; /* NULL for these */
-    char *added, *sum;
+    char *added, *sum, *whole;
 } Beside;
+
+/* Numbers of a state that wrenches add. */
+static npy_intp added_size(const Function *f)
+{
+    return f->into < 0 ? f->returned.size : f->place[f->into].shape.size;
+}
 
 static int make_room(const Function *f, const Plain *call, Beside *beside)
 {
-    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
-    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
-    const size_t one = (size_t)bytes_of(f, states * size);
-    const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, (call->states > 0 ? call->states : 1) * size);
-    beside->memory = NULL;
+    const npy_intp size = call->wrench == NULL ? 0 : added_size(f), states = call->states > 0 ? call->states : 1;
+    const size_t one = (size_t)bytes_of(f, (call->wrench_states > 0 ? call->wrench_states : 1) * size);
+    const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, states * size);
+    const size_t whole = f->returned.size == f->result.size ? 0 : (size_t)bytes_of(f, states * f->result.size);
+    const size_t all = one + other + whole;
     beside->added = (char *)beside->few;
-    if (one + other > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(one + other)) == NULL) {
+    if (all > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(all)) == NULL) {
         PyErr_NoMemory();
         return -1;
     }
     beside->sum = beside->added + one;
+    beside->whole = whole == 0 ? NULL : beside->sum + other;
     return 0;
 }
 
 /* Compute what the wrenches add, and put it into the array that takes it, if one does; 0 where all of it is regular. */
 static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
 {
-    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp size = added_size(f), step = call->wrench_states > 0 ? size : 0;
     const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
-    const npy_intp step = call->wrench_states > 0 ? size : 0;
     compute_added(f, h, call, beside->added);
     if (checks && !all_finite(f, beside->added, states * size)) return -1;
     if (f->into < 0) return 0;
     for (npy_intp k = 0; k < states; ++k)
         for (Py_ssize_t i = 0; i < f->lefts; ++i)
             memset(beside->added + bytes_of(f, k * size + f->left[i]), 0, (size_t)bytes_of(f, 1));
-    const int is_many = call->steps[f->into] > 0 || step > 0;
+    const int into = f->place[f->into].array, is_many = call->steps[into] > 0 || step > 0;
     const npy_intp all = is_many ? call->states : 1;
-    add(f, call->x[f->into], (npy_intp)call->steps[f->into], beside->added, step, 1.0, all, size, beside->sum);
+    add(f, call->x[into], (npy_intp)call->steps[into], beside->added, step, 1.0, all, size, beside->sum);
     if (checks && !all_finite(f, beside->sum, all * size)) return -1;
-    call->x[f->into] = beside->sum;
-    call->steps[f->into] = is_many ? (size_t)size : 0;
+    call->x[into] = beside->sum;
+    call->steps[into] = is_many ? (size_t)size : 0;
     return 0;
 }
 
@@ -418,15 +408,20 @@ static int begin_added(const Function *f, const void *h, Plain *call, Beside *be
 static int compute_all(const Function *f, const void *h, const void *h_added, Plain *call, Beside *beside, int checks,
                        void *out)
 {
-    const npy_intp states = call->states > 0 ? call->states : 1, step = call->wrench_states > 0 ? f->result.size : 0;
-    if (in_pieces(call)) return compute_pieces(f, h, call, checks, out);
-    if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
-    if (compute(f, h, call, out) >= 0) return -1;
-    if (call->wrench != NULL && f->into < 0) {
-        if (checks && !all_finite(f, out, states * f->result.size)) return -1;
-        add(f, out, f->result.size, beside->added, step, f->sign, states, f->result.size, out);
+    const npy_intp states = call->states > 0 ? call->states : 1, size = f->returned.size;
+    const npy_intp step = call->wrench_states > 0 ? size : 0;
+    void *const whole = beside->whole == NULL ? out : beside->whole;
+    if (in_pieces(call)) {
+        if (compute_pieces(f, h, call, checks, whole) < 0) return -1;
+    } else {
+        if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
+        if (compute(f, h, call, whole) >= 0) return -1;
+        if (checks && !all_finite(f, whole, states * f->result.size)) return -1;
     }
-    return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
+    if (whole != out) keep_leading(f, whole, states, out);
+    if (call->wrench == NULL || f->into >= 0) return 0;
+    add(f, out, size, beside->added, step, f->sign, states, size, out);
+    return checks && !all_finite(f, out, states * size) ? -1 : 0;
 }
 
 /* The result of a plain call; NULL without an error where the function in Python has to be asked.  ``codes`` are then
@@ -439,7 +434,9 @@ static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_s
     Beside beside;
     const int is_plain = sort_arguments(f, args, count, names, arguments) == 0 && look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
-    if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
+    const int needs_room = call.wrench != NULL || f->returned.size < f->result.size;
+    beside.memory = beside.whole = NULL;
+    if (!is_plain || (needs_room && make_room(f, &call, &beside) < 0)) return NULL;
     PyObject *answer = NULL;
     PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[MAIN]), *kept_added = NULL;
     if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);
@@ -475,7 +472,7 @@ end:
     Py_XDECREF(out);
     Py_XDECREF(kept);
     Py_XDECREF(kept_added);
-    if (call.wrench != NULL) PyMem_Free(beside.memory);
+    PyMem_Free(beside.memory);
     return answer;
 }
 

@@ -25,7 +25,7 @@ class Kernel(Differentiation, TimeDerivatives, InverseKinematics, Rollouts):
     Beside the equations of motion there are, in groups:
 
     - derivatives: ``forward_dynamics_jacobian``, ``residual_jacobian``, ``rollout_sensitivity``, ``close_series``;
-    - copies and settings: ``replaced``, ``threads``, ``checks``, ``augmented``, ``split``;
+    - copies and settings: ``replaced``, ``threads``, ``checks``;
     - the description: ``n``, ``home``, ``limits``, ``ratio``, ``regressor_names``, ``regressor_values``, ``blocks``;
     - ``functions``: all functions of the C, also those of springs, force elements, cut joints, constraints and sensors.
 

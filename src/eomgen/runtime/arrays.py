@@ -217,7 +217,7 @@ class Arrays:
 
     def axes_with_states(self, writes: str) -> int:
         """Return how many of the last axes of a result have internal states behind the coordinates."""
-        return WITH_STATES.get(OF_ORDERS.sub("", writes), 0) if self._states else 0
+        return axes_with_states(writes) if self._states else 0
 
     def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
         inner = where[-len(shape) :]
@@ -313,6 +313,11 @@ def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
         return array.reshape(shape)
     whole = np.ascontiguousarray(np.broadcast_to(array, (*lead, *shape)))
     return whole.reshape(math.prod(lead), *shape)
+
+
+def axes_with_states(writes: str) -> int:
+    """Return how many of the last axes of a result of that kind have internal states behind the coordinates."""
+    return WITH_STATES.get(OF_ORDERS.sub("", writes), 0)
 
 
 def coordinate_axes(writes: str) -> int:

@@ -147,7 +147,7 @@ class Calls:
         if axes := 0 if whole else self.arrays.axes_with_states(function.writes):
             result = self.run(name, None, values, extra, lead, inner, z, whole=True)
             place: tuple[Any, ...] = (..., *(slice(self.n),) * axes)
-            return self.arrays.written(np.ascontiguousarray(result[place]), out)
+            return self.arrays.written(result[place].copy(), out)
         arrays: list[Array] = []
         for label, value in zip(function.reads, self.arguments(name, values, z), strict=True):
             array, leading = take(label, value, raw.shapes[label], checks)

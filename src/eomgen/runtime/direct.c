@@ -7,10 +7,10 @@
  * Function, a State, and the function in Python, which takes the same arguments.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no option asks for more than `out` and `wrench`.  Whatever is not
- * plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the function in
- * Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results and
- * messages are the same by construction.
+ * exactly the shape of one state or of N of them, and no option asks for more than `out`, `wrench` and `z`.  Whatever
+ * is not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the function
+ * in Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results
+ * and messages are the same by construction.
  *
  * A generated package carries a copy of this file and of its headers, and what they were compiled to where Python's
  * and NumPy's headers were. */
@@ -62,6 +62,7 @@ static int module_exec(PyObject *module)
     Types *types = PyModule_GetState(module);
     if (fits_numpy() < 0 || _import_array() < 0) return -1;
     choose_loops();
+    if (PyModule_AddIntMacro(module, ARRAYS) < 0) return -1;
     if (add_type(module, &direct_spec, &types->direct) < 0) return -1;
     if (add_type(module, &function_spec, &types->function) < 0) return -1;
     return add_type(module, &state_spec, &types->state);

@@ -39,7 +39,8 @@ typedef enum {
     FRAME,   /* the name of a frame, in place of its number */
     OUT,     /* an array to write to */
     NOTHING, /* plain only where it is None */
-    CUT      /* whether loops are meant to be open */
+    CUT,     /* whether loops are meant to be open */
+    ZEROS    /* no argument: an array of zeros that the code reads */
 } Role;
 
 typedef struct {
@@ -51,6 +52,7 @@ typedef struct {
 typedef struct {
     PyObject *label; /* interned: a keyword is it, not only equal to it */
     Role role;
+    int array; /* its number among those that the code reads, of READ and ZEROS */
     Shape shape;
 } Place;
 
@@ -82,12 +84,14 @@ typedef struct {
     PyArray_Descr *dtype;
     int places, positional; /* of these the first may come without their names */
     Place place[PLACES];
-    Shape result;
+    int reads;              /* number of arrays that the code reads */
+    double *zeros;          /* what it reads for a place that is no argument, of either dtype; NULL without one */
+    Shape result, returned; /* as the code writes it, and the leading numbers of the last two axes that calls return */
     int framed, in_parts; /* takes a frame's number; its result are views along the first axis */
     int cut_must_be_false;
     Code codes[KINDS][2]; /* of each kind for one state and for many */
     double sign;         /* of what is added to the result */
-    int into;            /* number of the array that it is added to instead, with sign 1; -1 for the result */
+    int into;            /* place of the array that it is added to instead, with sign 1; -1 for the result */
     npy_intp *left;      /* places of this array that nothing is added to */
     Py_ssize_t lefts;
 } Function;

@@ -74,3 +74,37 @@ static void choose_loops(void) {}
     }
 DEFINE_SUM(double)
 DEFINE_SUM(float)
+
+static int all_finite(const Function *f, const void *numbers, npy_intp count)
+{
+    return look_at[f->dtype->type_num != NPY_DOUBLE](numbers, count);
+}
+
+static npy_intp bytes_of(const Function *f, npy_intp count)
+{
+    return count * (f->dtype->type_num == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
+}
+
+/* to = from + sign * what, each of one state for all or of as many as there are. */
+static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
+                double sign, npy_intp states, npy_intp size, void *to)
+{
+    if (f->dtype->type_num == NPY_DOUBLE)
+        sum_double(from, from_step, what, what_step, sign, states, size, to);
+    else
+        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
+}
+
+/* Copy what calls return of all that the code has written. */
+static void keep_leading(const Function *f, const char *whole, npy_intp states, char *out)
+{
+    const int last = f->result.axes - 1;
+    const npy_intp size = f->result.lengths[last], kept = bytes_of(f, f->returned.lengths[last]);
+    const npy_intp rows = last > 0 ? f->result.lengths[last - 1] : 1;
+    const npy_intp kept_rows = last > 0 ? f->returned.lengths[last - 1] : 1;
+    for (npy_intp row = 0; row < states * f->result.size / size; ++row) {
+        if (row % rows >= kept_rows) continue;
+        memcpy(out, whole + bytes_of(f, row * size), (size_t)kept);
+        out += kept;
+    }
+}

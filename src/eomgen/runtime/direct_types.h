@@ -124,10 +124,11 @@ static int read_shape(PyObject *lengths, Shape *shape)
 
 static int read_place(PyObject *entry, Place *place)
 {
-    static const char *const names[] = {"read", "wrench", "frame", "out", "nothing", "cut"};
+    static const char *const names[] = {"read", "wrench", "frame", "out", "nothing", "cut", "zeros"};
     PyObject *label, *lengths;
     const char *role;
-    if (!PyArg_ParseTuple(entry, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
+    if (!PyArg_ParseTuple(entry, "UsOi:place", &label, &role, &lengths, &place->array) ||
+        read_shape(lengths, &place->shape) < 0)
         return -1;
     size_t role_number = 0;
     while (role_number < sizeof names / sizeof *names && strcmp(names[role_number], role) != 0) ++role_number;
@@ -145,19 +146,27 @@ static int read_place(PyObject *entry, Place *place)
 static int read_places(Function *f, PyObject *places)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(places);
-    int reads = 0, wrenches = 0;
+    int wrenches = 0;
+    unsigned seen = 0; /* numbers of arrays, a bit of each */
     if (count > PLACES) {
         PyErr_SetString(PyExc_ValueError, "too many parameters");
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; ++i) {
+        const Place *place = &f->place[i];
         if (read_place(PyTuple_GET_ITEM(places, i), &f->place[i]) < 0) return -1;
         f->places = (int)i + 1;
-        reads += f->place[i].role == READ;
-        wrenches += f->place[i].role == WRENCH;
-        f->framed |= f->place[i].role == FRAME;
+        wrenches += place->role == WRENCH;
+        f->framed |= place->role == FRAME;
+        if (place->role != READ && place->role != ZEROS) continue;
+        if (place->array >= 0 && place->array < ARRAYS) seen |= 1U << place->array;
+        ++f->reads;
+        if (place->role == READ || f->zeros != NULL) continue;
+        f->zeros = PyMem_Calloc((size_t)place->shape.size + 1, sizeof *f->zeros);
+        if (f->zeros == NULL) return PyErr_NoMemory(), -1;
     }
-    if (reads < 1 || reads > ARRAYS || wrenches > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
+    const int all = f->reads > 0 && f->reads <= ARRAYS && seen == (1U << f->reads) - 1U;
+    if (!all || wrenches > 1 || (f->framed && (f->reads != 1 || f->frames == NULL))) {
         PyErr_SetString(PyExc_ValueError, "no function reads such arrays");
         return -1;
     }
@@ -169,9 +178,7 @@ static int read_added(Function *f, PyObject *entry)
 {
     PyObject *left;
     if (!PyArg_ParseTuple(entry, "diO!:added", &f->sign, &f->into, &PyTuple_Type, &left)) return -1;
-    int reads = 0; /* at the beginning: there the number of a place is that of its array */
-    while (reads < f->places && f->place[reads].role == READ) ++reads;
-    if (f->into < -1 || f->into >= reads) {
+    if (f->into < -1 || f->into >= f->places || (f->into >= 0 && f->place[f->into].role != READ)) {
         PyErr_SetString(PyExc_ValueError, "nothing can be added there");
         return -1;
     }
@@ -192,15 +199,28 @@ static int read_added(Function *f, PyObject *entry)
     return 0;
 }
 
+/* What is returned of a result: all but so many numbers at the ends of the last axes. */
+static int leave_out(Function *f, int axes, int states)
+{
+    f->returned = f->result;
+    f->returned.size = 1;
+    for (int i = 0; i < f->result.axes; ++i) {
+        if (i >= f->result.axes - axes) f->returned.lengths[i] -= states;
+        if (f->returned.lengths[i] < 0) return -1;
+        f->returned.size *= f->returned.lengths[i];
+    }
+    return axes < 0 || axes > 2 || states < 0 ? -1 : 0;
+}
+
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"name",     "arming",            "dtype",  "places", "positional", "result",
-                            "in_parts", "cut_must_be_false", "frames", "added",  NULL};
+    static char *names[] = {"name",   "arming",   "dtype",             "places", "positional", "result",
+                            "states", "in_parts", "cut_must_be_false", "frames", "added",      NULL};
     PyObject *name, *arming, *dtype, *places, *result, *frames, *added;
-    int positional, in_parts, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOO!O!iOppO!O!:Function", names, &name, &arming,
+    int positional, axes, states, in_parts, cut;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOO!O!iO(ii)ppO!O!:Function", names, &name, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
+                                     &axes, &states, &in_parts, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -217,7 +237,7 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     f->in_parts = in_parts;
     f->cut_must_be_false = cut;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
-    if (positional > f->places || (in_parts && f->result.axes < 1)) {
+    if (positional > f->places || (in_parts && f->result.axes < 1) || leave_out(f, axes, states) < 0) {
         PyErr_SetString(PyExc_ValueError, "no function has such a result");
         goto failed;
     }
@@ -249,7 +269,7 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
     while (kind < KINDS && strcmp(KIND_NAMES[kind], name) != 0) ++kind;
     if (kind == KINDS) return PyErr_Format(PyExc_ValueError, "arm: %s is no code of a function", name);
     if (number < 0 || number >= LIBRARIES) Py_RETURN_FALSE;
-    npy_intp least = f->result.size;
+    npy_intp least = f->returned.size;
     for (int i = 0; i < f->places; ++i)
         if (f->place[i].role <= WRENCH && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || address == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
@@ -290,6 +310,7 @@ static void function_dealloc(PyObject *self)
     for (int kind = 0; kind < KINDS; ++kind)
         for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[kind][many].library);
     PyMem_Free(f->left);
+    PyMem_Free(f->zeros);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);

@@ -191,8 +191,6 @@ class BoundFunctions:
 
     def bind(self, module: ModuleType) -> None:
         """Let plain calls go through an extension module."""
-        if self.calls.internal_states:
-            return
         if self.direct is None or self.direct.module is not module:
             self.direct = DirectFunctions(module, self.calls.raw)
         parameters = self.calls.parameters
