@@ -44,7 +44,7 @@ CALLS = {  # words, exit code, what is said
     ),
     "bench": (("arm.toml",), 0, "the textbook's algorithms know linear springs and dampers only"),
     "bound": (
-        ("arm.toml", "--kernels", "generalized_force", "--range", f"v:{Z2}", "0", "1e-3"),
+        ("arm.toml", "--kernels", "generalized_force", "--range", f"z:{Z2}", "0", "1e-3"),
         0,
         "generalized_force of bristled, float64",
     ),

@@ -275,7 +275,7 @@ static int force_parameter_tangent(X h, X q, X wrench, X dp, double *out)
 static const int beside[3] = { 0, 2, 2 }, is_prescribed[3] = { 1, 0, 0 }, places[2] = { 0, 1 };
 static const eom_sizes sizes = {
     .positions = NQ, .rates = NV, .inputs = NU, .m = CLOSED, .has_redundant_rows = CLOSED, .closed_gap = 1e-13, .open_gap = 1e-9, .hoisted = NUMBERS, .parameters = NUMBERS, .factors = FACTORS, .pair_factors = PAIRS, .wrench = WRENCH,
-    .coordinates = 2, .beside = DRIVEN ? beside : NULL, .is_prescribed = PRESCRIBED ? is_prescribed : NULL,
+    .beside = DRIVEN ? beside : NULL, .is_prescribed = PRESCRIBED ? is_prescribed : NULL,
 };
 static const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, settling, pair_factors, pair_solution };
 static const eom_robot_lanes robot_lanes = { &sizes, forward_dynamics_lanes, implicit_step_lanes, stage_factors_lanes, stage_solution_lanes, settling_lanes, pair_factors_lanes, pair_solution_lanes };

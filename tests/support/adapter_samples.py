@@ -45,8 +45,7 @@ def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
     else:
         s = (motor_state if kernel.motors else random_state)(robot, seed)
     wrench = np.random.default_rng(seed).uniform(-2.0, 2.0, (len(kernel.links), 6))
-    n = kernel.n
-    return {"q": s.q[:n], "v": s.v[:n], "z": s.v[n:], "a": s.a[:n], "u": s.u[:n], "wrench": wrench}
+    return {"q": s.q, "v": s.v, "z": s.z, "a": s.a, "u": s.u, "wrench": wrench}
 
 
 def built_for(robot: Robot, built: Callable[..., eomgen.Kernel]) -> eomgen.Kernel:

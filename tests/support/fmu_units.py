@@ -99,9 +99,9 @@ def point_of(unit: Unit, seed: int, size: float = 1.0) -> Point:
     if unit.robot.name in [make().name for make in WITH_STATES.values()]:
         q, v, u, z = bent(kernel, seed)
         return Point(q, v, u, wrench, z)
-    state, n = motor_state(unit.robot, seed), kernel.n
-    z = size * state.v[n:] if kernel.internal_states else None
-    return Point(size * state.q[:n], size * state.v[:n], state.u[:n], wrench, z)
+    state = motor_state(unit.robot, seed)
+    z = size * state.z if kernel.internal_states else None
+    return Point(size * state.q, size * state.v, state.u, wrench, z)
 
 
 def names_of(host: Host, *kinds: str) -> list[str]:

@@ -67,8 +67,8 @@ class Stopwatch:
         for entry, code, number in zip(table, timed, calls, strict=True):
             entry.code, entry.batch, entry.calls = ffi.cast("Code", code.code), code.batch, number
             entry.h, entry.out = ffi.cast("double *", code.h), ffi.cast("double *", code.out)
-        inputs = ffi.new("const double *[4]", [ffi.cast("double *", array.ctypes.data) for array in arrays])
-        steps = ffi.new("size_t[4]", [array[0].size for array in arrays])
+        inputs = ffi.new("const double *[]", [ffi.cast("double *", array.ctypes.data) for array in arrays])
+        steps = ffi.new("size_t[]", [array[0].size for array in arrays])
         ns = np.zeros((rounds, len(timed)))
         target = ffi.cast("double *", ns.ctypes.data)
         self._lib.stopwatch(len(timed), table, reads, inputs, steps, len(arrays[0]), rounds, target)
