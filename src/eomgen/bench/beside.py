@@ -220,17 +220,18 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
     It is called as whoever builds the robot calls it: arrays of the kernel's dtype, a new one comes back.
     """
     function, shapes = kernel.raw.functions[name], kernel.raw.shapes
-    arrays = [np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads]
-    arguments = (*arrays, kernel.frames[0]) if function.is_framed else tuple(arrays)
+    arrays = {label: np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads}
+    arguments = (*(arrays[x] for x in function.arguments), *([kernel.frames[0]] if function.is_framed else []))
+    states = {"z": arrays["z"]} if "z" in arrays else {}
     times = np.zeros((rounds, 2))
     methods = [getattr(kernel.replaced(checks=wanted), name) for wanted in (True, False)]
     for method in methods:
-        method(*arguments)  # the first call may take another way
+        method(*arguments, **states)  # the first call may take another way
     for turn in times:
         for i, method in enumerate(methods):
             begin = time.perf_counter_ns()
             for _ in range(CALLS):
-                method(*arguments)
+                method(*arguments, **states)
             turn[i] = (time.perf_counter_ns() - begin) / CALLS
     with_checks, without = (float(x) for x in np.median(times, axis=0))
     return with_checks, without
