@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import cffi
+import mpmath as mp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -76,7 +77,10 @@ def test_tables_of_radau_are_those_of_its_conditions() -> None:
     count, powers = len(nodes), np.arange(1, len(nodes) + 1)
     collocation = np.polynomial.Polynomial([0.0] * (count - 1) + [1.0]) * np.polynomial.Polynomial([-1.0, 1.0]) ** count
     assert np.abs(collocation.deriv(count - 1)(nodes)).max() <= 1e-11
-    a = (nodes[:, None] ** powers / powers) @ np.linalg.inv(nodes[:, None] ** (powers - 1))
+    with mp.workdps(30):  # in double precision the inverse alone is as inexact as what is compared
+        integrals = mp.matrix([[mp.mpf(x) ** k / k for k in powers.tolist()] for x in nodes])
+        of_powers = integrals * mp.matrix([[mp.mpf(x) ** (k - 1) for k in powers.tolist()] for x in nodes]) ** -1
+    a = np.array(of_powers.tolist(), dtype=np.float64)
     for order in range(1, 2 * count):  # of quadrature, which makes it one of order 9 with collocation
         assert a[-1] @ nodes ** (order - 1) == pytest.approx(1.0 / order, abs=1e-14)
     real, pairs = table("eom_radau_real")[0, 0], table("eom_radau_pairs")
