@@ -369,8 +369,9 @@ def test_built_in_robots_are_off_as_estimated(robot: str) -> None:
     result = eomgen.simulate(robot, duration=0.5, global_error=True)
     closer = eomgen.simulate(robot, duration=0.5, rtol=1e-11)
     true, estimate = result.trajectory.q - closer.trajectory.q, result.global_error
-    assert estimate.is_resolved
-    assert effectivity(estimate.q_error, true) < 0.3
+    assert estimate.is_resolved or np.abs(true).max() < 1e-10  # m or rad: as large as round-off, by the processor
+    if estimate.is_resolved:
+        assert effectivity(estimate.q_error, true) < 0.3
 
 
 @pytest.mark.soak
