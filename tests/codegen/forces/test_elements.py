@@ -356,10 +356,11 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
     kernel, single = built(robot, *names), built(robot, *names, dtype="float32")
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-0.3, 0.3, (9, kernel.n)), rng.uniform(-1.0, 1.0, (9, kernel.n))
+    z = rng.uniform(-1.0, 1.0, (9, len(kernel.internal_states)))
     for name in names:
-        whole = getattr(kernel, name)(q, v)
-        assert np.array_equal(whole, [getattr(kernel, name)(x, y) for x, y in zip(q, v, strict=True)])
-        rough = getattr(single, name)(q.astype(np.float32), v.astype(np.float32))
+        whole = getattr(kernel, name)(q, v, z=z)
+        assert np.array_equal(whole, [getattr(kernel, name)(x, y, z=s) for x, y, s in zip(q, v, z, strict=True)])
+        rough = getattr(single, name)(*(x.astype(np.float32) for x in (q, v)), z=z.astype(np.float32))
         assert np.abs(rough - whole).max() <= 1e-3 * np.abs(whole).max()
 
 
