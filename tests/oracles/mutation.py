@@ -153,7 +153,7 @@ def check_zeros() -> None:
         tests.test_map_equals_the_pattern_of_numbers(seed)
     for leaders in ({"joint1.alpha": 2.0}, {"joint1.y": 0.5, "joint2.gamma": -1.5}):
         tests.test_what_leaders_move_is_the_pattern_of_sums(leaders)
-    tests.test_internal_states_meet_nothing()
+    tests.test_internal_states_have_no_rows()
     again("tree.test_offsets").test_an_offset_ends_a_coaxial_zero()
     tests = again("joint.test_zeros_of_modes")
     for seed in range(4):

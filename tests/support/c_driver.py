@@ -30,7 +30,7 @@ COUNTS = (1, 5, STATES)  # of batches
 ALONE = (0, 9, STATES - 1)  # those that are done alone, too
 STEPS, EVERY, DT = 6, 2, 1e-5
 ROWS = {"u": 5 * STEPS}  # drives of a rollout differ from step to step
-LABELS = ("q", "v", "a", "u", "wrench")
+LABELS = ("q", "v", "a", "u", "wrench", "z")
 
 HEAD = r"""
 #define _GNU_SOURCE
@@ -42,9 +42,9 @@ HEAD = r"""
 #include "@name@.h"
 
 typedef @real@ real;
-enum { STATES = @states@, SIZE = @size@ };
+enum { STATES = @states@, SIZE = @size@, COORDINATES = @n@, INTERNAL = @m@ };
 typedef struct { real *numbers; size_t used; } Sink;
-static real *parameters, *h, *all_q, *all_v, *all_a, *all_u, *all_wrench, *all_kp, *all_kd, *all_path;
+static real *parameters, *h, *all_q, *all_v, *all_a, *all_u, *all_wrench, *all_z, *all_kp, *all_kd, *all_path;
 static __thread int inside;
 
 static void stop(const char *why)
@@ -98,6 +98,18 @@ static real *room(size_t count, const real *x)
     return found;
 }
 
+/* Velocities and internal states behind them, of several states, as rollouts take them. */
+static real *rates(size_t count, size_t state)
+{
+    enum { RATES = COORDINATES + INTERNAL };
+    real *found = room(count * RATES, NULL);
+    for (size_t i = 0; i < count; ++i) {
+        memcpy(found + i * RATES, all_v + (state + i) * COORDINATES, COORDINATES * sizeof *found);
+        memcpy(found + i * RATES + COORDINATES, all_z + (state + i) * INTERNAL, INTERNAL * sizeof *found);
+    }
+    return found;
+}
+
 static void put(Sink *sink, long long status, int failed, const real *x, size_t count)
 {
     if (sink->used + count + 1 > SIZE) stop("more results than expected");
@@ -133,11 +145,11 @@ static void watch(const char *why)
 int main(int count, char **arguments)
 {
     static const size_t sizes[] = { @sizes@ };
-    real **arrays[] = { &parameters, &all_q, &all_v, &all_a, &all_u, &all_wrench, &all_kp, &all_kd, &all_path };
+    real **arrays[] = { &parameters, &all_q, &all_v, &all_a, &all_u, &all_wrench, &all_z, &all_kp, &all_kd, &all_path };
     Sink sink;
     FILE *file = fopen(arguments[1], "rb");
     if (count < 3 || !file) stop("no input");
-    for (int i = 0; i < 9; ++i) {
+    for (int i = 0; i < 10; ++i) {
         *arrays[i] = room(sizes[i], NULL);
         if (fread(*arrays[i], sizeof(real), sizes[i], file) != sizes[i]) stop("input is too short");
     }
@@ -185,7 +197,7 @@ int main(int count, char **arguments)
     if (!file || fwrite(sink.numbers, sizeof(real), sink.used, file) != sink.used || fclose(file)) stop("no output");
     free(sink.numbers);
     free(h);
-    for (int i = 0; i < 9; ++i) free(*arrays[i]);
+    for (int i = 0; i < 10; ++i) free(*arrays[i]);
     return 0;
 }
 """
@@ -217,8 +229,9 @@ class Call:
 def calls_of(meta: Mapping[str, Any]) -> Iterator[Call]:
     """All calls of a driver, in their order."""
     shapes = {key: int(np.prod(shape)) for key, shape in meta["shapes"].items()}
-    n = len(meta["coordinates"]) + len(meta.get("internal_states", ()))
-    kernels = [(name, tuple(k["reads"]), shapes[k["writes"]], (None,)) for name, k in meta["kernels"].items()]
+    n, m = numbers_of(meta)
+    functions = {name: meta["functions"][name] for name in meta["kernels"] if name in meta["functions"]}
+    kernels = [(name, tuple(k["reads"]), shapes[k["writes"]], (None,)) for name, k in functions.items()]
     kernels = [entry for entry in kernels if entry[0] not in ("kinematics", "rollout", "adaptive_rollout")]
     kernels = [entry for entry in kernels if set(entry[1]) <= set(LABELS)]  # a chart is no random array: it has indices
     if "kinematics" in meta["kernels"]:
@@ -237,20 +250,31 @@ def calls_of(meta: Mapping[str, Any]) -> Iterator[Call]:
             for controlled in (False, True):
                 for count in (None, 5):
                     rows = STEPS // EVERY + 1
-                    yield Call("rollout", ("q", "v", "u"), 2 * n * rows, count, how=(controlled, method))
+                    yield Call("rollout", ("q", "v", "u"), (2 * n + m) * rows, count, how=(controlled, method))
+
+
+def numbers_of(meta: Mapping[str, Any]) -> tuple[int, int]:
+    """Numbers of coordinates and of internal states."""
+    return len(meta["coordinates"]), len(meta.get("internal_states", ()))
+
+
+def sizes_of(meta: Mapping[str, Any]) -> dict[str, int]:
+    """How many numbers of one state each array has."""
+    return {label: int(np.prod(meta["shapes"].get(label, 0))) for label in LABELS}
 
 
 def driver_text(source: Source) -> str:
     """main.c for the source."""
     meta = json.loads(source.meta)
     calls = list(calls_of(meta))
-    size = {label: int(np.prod(meta["shapes"][label])) for label in LABELS}
-    n = len(meta["coordinates"]) + len(meta.get("internal_states", ()))
+    size, (n, m) = sizes_of(meta), numbers_of(meta)
     lengths = [len(meta["parameters"]), *(ROWS.get(label, STATES) * size[label] for label in LABELS), n, n, STEPS * n]
     words = {
         "name": source.name,
         "real": {"float64": "double", "float32": "float"}[meta["dtype"]],
         "states": STATES,
+        "n": n,
+        "m": m,
         "size": sum(call.length for call in calls),
         "hoisted": meta["hoisted"],
         "sizes": ", ".join(map(str, lengths)),
@@ -274,12 +298,16 @@ def _function(name: str, i: int, call: Call, size: Mapping[str, int], n: int) ->
         one = call.count is None or (call.shared and position == len(call.reads) - 1)
         count = size[label] * (1 if one else call.count or 1) * (STEPS if call.how and label == "u" else 1)
         first = size[label] * call.state if not (call.how and label == "u") else 0
-        lines.append(f"    real *{label} = room({count}, all_{label} + {first});")
+        made = f"room({count}, all_{label} + {first})"
+        if call.how and label == "v":
+            made = f"rates({call.count or 1}, {call.state})"
+        lines.append(f"    real *{label} = {made};")
         arrays.append(label)
         if not (call.how and label == "u"):
             arguments.append(label)
             if call.count is not None:
-                arguments.append("0" if one else str(size[label]))
+                step = size["v"] + size["z"] if call.how and label == "v" else size[label]
+                arguments.append("0" if one else str(step))
     lines.append(f"    real *out = room({call.size * (call.count or 1)}, NULL);")
     if call.frame is not None:
         arguments.append(str(call.frame))
@@ -295,7 +323,7 @@ def _function(name: str, i: int, call: Call, size: Mapping[str, int], n: int) ->
             fields += "NULL, NULL, NULL, 0, 0"
         lines.append(f"    const {name}_drive drive = {{ {fields} }};")
         arguments += ["&drive", f"(real){DT!r}", str(STEPS), str(EVERY), str(method)]
-        arguments += ["out", f"out + {call.size * (call.count or 1) // 2}"]
+        arguments += ["out", f"out + {n * (STEPS // EVERY + 1) * (call.count or 1)}"]
     else:
         arguments.append("out")
     suffix = "_batch" if call.count is not None else ""
@@ -310,19 +338,15 @@ def inputs_of(source: Source, spread: Array, seed: int = 1) -> dict[str, Array]:
     """Random inputs by label, (STATES, size) of states.
 
     Args:
-        spread: how far each coordinate goes from 0, (n,), m or rad; internal states, behind them, stay short.
+        spread: how far each coordinate goes from 0, (n,), m or rad; internal states stay short.
     """
     meta, rng = json.loads(source.meta), np.random.default_rng(seed)
-    internal_states = len(meta.get("internal_states", ()))
-    n, dtype = len(meta["coordinates"]) + internal_states, np.dtype(meta["dtype"])
-    spread = np.append(spread, np.full(internal_states, 1e-4))
+    (n, m), dtype = numbers_of(meta), np.dtype(meta["dtype"])
     found = {"p": np.array(list(meta["parameters"].values()))}
-    found |= {
-        label: rng.uniform(-2.0, 2.0, (ROWS.get(label, STATES), int(np.prod(meta["shapes"][label]))))
-        for label in LABELS
-    }
+    found |= {label: rng.uniform(-2.0, 2.0, (ROWS.get(label, STATES), size)) for label, size in sizes_of(meta).items()}
     found["q"] = spread * rng.uniform(-1.0, 1.0, (STATES, n))
     found["v"] = np.minimum(spread, 1.0) * rng.uniform(-1.0, 1.0, (STATES, n))
+    found["z"] = 1e-4 * rng.uniform(-1.0, 1.0, (STATES, m))
     gains = np.zeros((2, n))
     gains[:, list(meta["driven"])] = rng.uniform(0.1, 2.0, (2, len(meta["driven"])))
     found |= {"kp": gains[0], "kd": gains[1], "path": spread * rng.uniform(-1.0, 1.0, (STEPS, n))}

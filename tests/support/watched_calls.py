@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[Any]
-STATES = "states.npz"  # beside the package: q, v and u, (N, n) each; the first CALM are slow
+STATES = "states.npz"  # beside the package: q, v and u, (N, n) each, and z, (N, m); the first CALM are slow
 CALM = 3
 METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")
 FIXED = ("rk4", "implicit")
@@ -38,65 +38,68 @@ def ways_to_move(kernel: Any, n: int) -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"{method}{'_held' if controlled else ''}", {"method": method, **how, **(gains if controlled else {})}
 
 
-def loss(t: Array, q: Array, v: Array) -> tuple[Any, Array, Array]:
+def loss(t: Array, *states: Array) -> tuple[Any, ...]:
     """A sum of squares with its derivatives."""
-    return float((q * q + v * v).sum()), 2.0 * q, 2.0 * v
+    return float(sum((x * x).sum() for x in states)), *(2.0 * x for x in states)
 
 
-def rolled(kernel: Any, *state: Array, **how: Any) -> Array:
-    """States of a rollout, (2, ..., n), or as far as it went."""
+def rolled(kernel: Any, q: Array, v: Array, u: Array, z: Array, **how: Any) -> Array:
+    """States of a rollout, (..., 2n + m), or as far as it went."""
     try:
-        return np.stack(kernel.rollout(*state, **how))
+        found = kernel.rollout(q, v, u, z=z, **how)
     except Exception as error:  # IntegrationStopped, which a package brings itself
         if not hasattr(error, "stored"):
             raise
-        return np.stack([x.reshape(*state[0].shape[:-1], -1, x.shape[-1]) for x in error.stored])
+        found = error.stored
+    arrays = (*found, found.z) if z.size else found
+    return np.concatenate([x.reshape(*q.shape[:-1], -1, x.shape[-1]) for x in arrays], axis=-1)
 
 
-def moved(kernel: Any, q: Array, v: Array, u: Array) -> dict[str, Array]:
+def moved(kernel: Any, q: Array, v: Array, u: Array, z: Array) -> dict[str, Array]:
     """Return all that the calls return, by names of calls."""
     found: dict[str, Array] = {}
     for name, how in ways_to_move(kernel, q.shape[1]):
         count = CALM if how["method"] in FIXED else len(q)  # where a state of such a batch fails, all of it ends
-        many = found[name] = rolled(kernel, q[:count], v[:count], u[:count], **how)
+        many = found[name] = rolled(kernel, q[:count], v[:count], u[:count], z[:count], **how)
         for i in range(count):
-            alone = rolled(kernel, q[i], v[i], u[i], **how)
-            here = many[:, i]
+            alone = rolled(kernel, q[i], v[i], u[i], z[i], **how)
+            here = many[i]
             if how["method"] in FIXED:  # whose batch ends where the first of its states does
-                reached = ~np.isnan(here).any(axis=(0, 2))
-                alone, here = alone[:, reached], here[:, reached]
+                reached = ~np.isnan(here).any(axis=-1)
+                alone, here = alone[reached], here[reached]
             assert np.array_equal(here, alone, equal_nan=True), f"{name}: state {i} has other bits in a batch"
-        found |= {f"{name}_{key}": x for key, x in differentiated(kernel, (q[:CALM], v[:CALM], u[:CALM]), how).items()}
-    q, v, u = q[:CALM], v[:CALM], u[:CALM]
+        calm = tuple(x[:CALM] for x in (q, v, u, z))
+        found |= {f"{name}_{key}": x for key, x in differentiated(kernel, calm, how).items()}
+    q, v, u, z = (x[:CALM] for x in (q, v, u, z))
     if kernel.constraints:  # states are nearly closed: the end of a step is closed
         q, v = (x[:, -1] for x in kernel.rollout(q, v, u, 1e-9, 1))
     for name in CALLS:
         if name in kernel.raw.functions:
             call = getattr(kernel if hasattr(kernel, name) else kernel.functions, name)
-            results = called(call, q, v, u)
+            results = called(call, q, v, u, z=z)
             for i in range(len(q)):
-                alone = called(call, q[i], v[i], u[i])
+                alone = called(call, q[i], v[i], u[i], z=z[i])
                 assert all(np.array_equal(x[i], y) for x, y in zip(results, alone, strict=True)), f"{name}: state {i}"
             found |= {f"{name}_{k}": x for k, x in enumerate(results)}
     return found
 
 
-def called(call: Callable[..., Any], *state: Array) -> tuple[Array, ...]:
+def called(call: Callable[..., Any], *state: Array, z: Array) -> tuple[Array, ...]:
     """Call a function and return its arrays."""
-    found = call(*state)
+    found = call(*state, z=z)
     return found if isinstance(found, tuple) else (found,)
 
 
-def differentiated(kernel: Any, state: tuple[Array, Array, Array], how: Mapping[str, Any]) -> dict[str, Array]:
+def differentiated(kernel: Any, state: tuple[Array, ...], how: Mapping[str, Any]) -> dict[str, Array]:
     """Return derivatives of a rollout by names, where the package has them."""
     found: dict[str, Array] = {}
-    way, n = WAYS.get(how["method"], "no"), state[0].shape[-1]
+    way, n, (*state_and_u, z) = WAYS.get(how["method"], "no"), state[0].shape[-1], state
     if f"{way}_gradient" in kernel.raw.gradients:
-        value, by = kernel.rollout_gradient(*state, loss=loss, **how)
+        value, by = kernel.rollout_gradient(*state_and_u, loss=loss, z=z, **how)
         found |= {"value": np.array(value), **{f"by_{key}": np.asarray(x) for key, x in by.items()}}
     if f"{way}_sensitivity" in kernel.raw.gradients:
         along = {"q": np.zeros((2, n)), "v": np.eye(2, n)}
-        found["rates"] = np.stack(kernel.rollout_sensitivity(*state, along=along, **how)[1])
+        found["rates"] = np.concatenate(kernel.rollout_sensitivity(*state_and_u, along=along, z=z, **how)[1], axis=-1)
     return found
 
 
@@ -105,7 +108,7 @@ def main(folder: str, name: str, results: str) -> None:
     sys.path.insert(0, folder)
     kernel = importlib.import_module(name).kernel
     with np.load(Path(folder) / STATES) as states:
-        np.savez(results, **moved(kernel, *(states[key] for key in "qvu")))
+        np.savez(results, **moved(kernel, *(states[key] for key in "qvuz")))
 
 
 if __name__ == "__main__":

@@ -239,7 +239,7 @@ def condition(source: Source, found: Array) -> float:
     worst = 1.0
     for call, _, x in results_by_call(source, found):
         if call.name == "mass_matrix" and call.count is None:
-            n = math.isqrt(x.size)  # internal states have rows, too
+            n = math.isqrt(x.size)
             M = x.reshape(n, n).astype(np.float64)
             scale = np.sqrt(np.maximum(M.diagonal(), 1e-300))
             worst = max(worst, float(np.linalg.cond(M / np.outer(scale, scale))))
@@ -257,7 +257,7 @@ def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path:
     for call, status, result in results_by_call(source, found):
         if call.how:
             controlled, method = call.how
-            q, v = (x[k][call.state] if call.count is None else x[k][: call.count] for k in "qv")
+            q, v, z = (x[k][call.state] if call.count is None else x[k][: call.count] for k in "qvz")
             u = x["u"].ravel()[: (call.count or 1) * STEPS * kernel.n]
             how = {"kp": x["kp"], "kd": x["kd"], "target": x["path"]} if controlled else {}
             if call.count is not None:
@@ -266,7 +266,9 @@ def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path:
             else:
                 u = u.reshape(STEPS, kernel.n)
             options: dict[str, Any] = {"method": ("rk4", "implicit")[method], "every": EVERY, **how}
-            expected = np.stack(kernel.rollout(q, v, u, DT, STEPS, **options))
+            found_q, found_v = states = kernel.rollout(q, v, u, DT, STEPS, **options, z=z)
+            rates = np.concatenate([found_v, states.z], axis=-1) if z.size else found_v
+            expected = np.concatenate([found_q.ravel(), rates.ravel()])
         else:
             last = len(call.reads) - 1
             arrays = []
@@ -274,7 +276,8 @@ def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path:
                 rows = x[label].reshape(-1, *kernel.raw.shapes[label])
                 one = call.count is None or (call.shared and i == last)
                 arrays.append(np.ascontiguousarray(rows[call.state] if one else rows[: call.count]))
-            expected = kernel.calls.run(call.name, None, arrays, () if call.frame is None else (call.frame,))
+            frames = () if call.frame is None else (call.frame,)
+            expected = kernel.calls.run(call.name, None, arrays, frames, whole=True)
         assert status in (0, -1)
         assert result.tobytes() == expected.tobytes(), call
         seen.add(call.name)
@@ -478,14 +481,14 @@ WATCHED_SOAK |= {
 
 
 def states_of(model: Model) -> dict[str, np.ndarray]:
-    """Seven states near home, ever faster and under ever greater drives, (7, n): their steps end at different times."""
-    rng, n = np.random.default_rng(6), model.size
+    """Seven states near home, ever faster and under ever greater drives: their steps end at different times."""
+    rng, n = np.random.default_rng(6), len(model.coordinates)
     speeds, forces = np.logspace(-1.0, 1.0, 7)[:, np.newaxis], np.logspace(0.0, 3.0, 7)[:, np.newaxis]
     driven = np.isin(np.arange(n), model.driven)
-    q = np.array([*model.home, *(0.0 for _ in model.internal_states)]) + 0.02 * rng.normal(size=(7, n))
+    q = np.array(model.home) + 0.02 * rng.normal(size=(7, n))
     v = speeds * rng.normal(size=(7, n))
-    v[:, len(model.coordinates) :] *= 1e-3  # internal states: bristles are short
-    return {"q": q, "v": v, "u": driven * forces * rng.normal(size=(7, 1))}
+    z = 1e-3 * speeds * rng.normal(size=(7, len(model.internal_states)))  # bristles are short
+    return {"q": q, "v": v, "z": z, "u": driven * forces * rng.normal(size=(7, 1))}
 
 
 def moved(source: Source, model: Model, folder: Path, flags: tuple[str, ...]) -> dict[str, np.ndarray]:

@@ -288,7 +288,7 @@ maxwell = [{{ stiffness = 100.0, damping = 2.0 }}]
 def check_states(robot: Robot, n: int, size: tuple[float, float], built: Build) -> None:
     """Residuals, rates of states and energies by z are the kernel's."""
     model, rng = build_model(robot), np.random.default_rng(3)
-    form, kernel = closed_form(model), built(robot).split
+    form, kernel = closed_form(model), built(robot)
     function = form.function("residual", "rates", "kinetic", "potential", "mass_matrix")
     for _ in range(5):
         q, v, a, u = size[0] * rng.normal(size=(4, n))

@@ -37,16 +37,27 @@ EVERY = pytest.mark.parametrize(
 
 
 class Forces:
-    """Forces of families in a robot, as functions of q, v and the parameters."""
+    """Forces of families in a robot, as functions of q, v and the parameters; internal states stand behind v."""
 
     def __init__(self, families: Sequence[type[ForceElement]], seed: int) -> None:
         self.model, self.p = drawn(robot_of(*families), seed)
         rng = np.random.default_rng([seed, 1])
-        self.q, self.v = rng.uniform(-0.3, 0.3, self.model.size), rng.uniform(-1.0, 1.0, self.model.size)
+        self.n, self.first = self.model.size, len(self.model.coordinates)
+        self.q, self.v = self.drawn(rng, 0.3)
         self.d = Derivation(self.model)
         self.elements = [self.d.elements[ELEMENTS.index(family)] for family in families]
-        self.n = self.model.size
         self.finished: dict[int, tuple[Outputs, Program]] = {}
+
+    def drawn(self, rng: np.random.Generator, span: float) -> tuple[Array, Array]:
+        """Positions within a span, and velocities with internal states."""
+        return rng.uniform(-span, span, self.n)[: self.first], rng.uniform(-1.0, 1.0, self.n)
+
+    def inputs(self, **given: Array) -> dict[str, list[float]]:
+        """What programs read; v with internal states."""
+        still = {"u": np.zeros(self.first), "forces": np.zeros(len(self.model.drives)), "added": np.zeros(self.first)}
+        arrays = {"q": self.q, "v": self.v, "p": self.p} | still | given
+        arrays["v"], arrays["z"] = np.split(arrays["v"], [self.first])
+        return {name: list(x) for name, x in arrays.items()}
 
     def program(self, outputs: Outputs) -> Program:
         """The program of outputs, finished once."""
@@ -55,8 +66,7 @@ class Forces:
         return self.finished[id(outputs)][1]
 
     def run(self, outputs: Outputs, **given: Array) -> Array:
-        inputs = {"q": self.q, "v": self.v, "p": self.p, "u": np.zeros(self.n), "added": np.zeros(self.n)} | given
-        found = evaluate(self.program(outputs), {name: list(x) for name, x in inputs.items()})
+        found = evaluate(self.program(outputs), self.inputs(**given))
         return np.array([found["out", i] for i in range(len(outputs))], dtype=float)
 
     def resisting(self, **given: Array) -> Array:
@@ -98,7 +108,8 @@ def test_slopes_are_those_of_forces(families: Sequence[type[ForceElement]], seed
         element.add_slopes(slopes)
     for name, x, rows in (("q", forces.q, by_q), ("v", forces.v, by_v)):
         found = forces.run(vector([rows.get((i, j), 0.0) for i in range(n) for j in range(n)])).reshape(n, n)
-        expected = forces.differences(name, x, forces.rows())
+        expected = np.zeros((n, n))  # positions of internal states there are none
+        expected[:, : len(x)] = forces.differences(name, x, forces.rows())
         assert np.abs(expected).max() > 0.0 or (name == "q" and not np.any(found))
         assert np.abs(found - expected).max() <= 1e-6 * max(1.0, np.abs(expected).max())
 
@@ -111,7 +122,8 @@ def test_energys_gradient_is_the_force_at_rest(families: Sequence[type[ForceElem
     for element in forces.elements:
         for energy in element.energies():
             total = total + energy
-    found = forces.differences("q", forces.q, vector([total]))[0]
+    found = np.zeros(forces.n)
+    found[: forces.first] = forces.differences("q", forces.q, vector([total]))[0]
     expected = forces.resisting(v=np.zeros(forces.n))
     assert np.abs(found - expected).max() <= 1e-6 * max(1.0, np.abs(expected).max())
 
@@ -132,7 +144,7 @@ def test_every_number_is_a_parameter(families: Sequence[type[ForceElement]], see
     forces = Forces(families, seed)
     places, names = element_places(forces.model.robot, forces.model.parameters), list(forces.model.parameters)
     rows, rng = forces.rows(), np.random.default_rng([seed, 2])
-    states = [(rng.uniform(-0.4, 0.4, forces.n), rng.uniform(-1.0, 1.0, forces.n)) for _ in range(20)]
+    states = [forces.drawn(rng, 0.4) for _ in range(20)]
     before = [forces.run(rows, q=q, v=v) for q, v in states]
     for owner, numbers in ((x, y) for family in places.values() for x, y in family.items()):
         for key, place in numbers.items():
@@ -183,11 +195,10 @@ def stepped(
     d, n = Derivation(forces.model), forces.n
     program = finish(d.graph, "step", implicit_step(d))
     rows = Derivation(forces.model)
-    bias = finish(rows.graph, "bias", rows.vector(rows.dynamics_with_drives(rows.v, rows.still)))
+    bias = finish(rows.graph, "bias", rows.motion(rows.dynamics_with_drives(rows.v, rows.still)))
     M = Derivation(forces.model)
-    upper = finish(M.graph, "M", M.matrices(M.matrix()))
-    inputs = {"q": list(forces.q), "v": list(forces.v), "p": list(forces.p), "added": [0.0] * n}
-    inputs["u"] = [prescribed.get(i, 0.0) for i in range(n)]
+    upper = finish(M.graph, "M", M.matrices(M.matrix(), states=True))
+    inputs = forces.inputs(u=np.array([prescribed.get(i, 0.0) for i in range(forces.first)]))
 
     def numbers(found: Mapping[tuple[str, int], float], count: int) -> Array:
         return np.array([found["out", i] for i in range(count)])
@@ -295,7 +306,7 @@ def test_an_implicit_step_is_a_dense_system(families: Sequence[type[ForceElement
     entries = [share.matrix.get((i, j), 0.0) for i in range(n) for j in range(n)]
     numbers = forces.run(vector([*entries, *share.forces, *forces.d.forces(forces.d.v)]), dt=np.array([dt, dt * dt]))
     slopes, ahead, here = numbers[: n * n].reshape(n, n), numbers[n * n : -n], numbers[-n:]
-    states = slice(len(forces.model.coordinates), n)  # eliminated, they leave a matrix of the coordinates
+    states = slice(forces.first, n)  # eliminated, they leave a matrix of the coordinates
     size = np.r_[np.ones(states.start), np.diagonal(mass)[states]]  # pivots differ
     inner = np.linalg.solve(
         *(x[states] / size[states, np.newaxis] for x in ((mass + slopes)[:, states], slopes[:, : states.start]))
@@ -345,10 +356,11 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
     kernel, single = built(robot, *names), built(robot, *names, dtype="float32")
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(-0.3, 0.3, (9, kernel.n)), rng.uniform(-1.0, 1.0, (9, kernel.n))
+    z = rng.uniform(-1.0, 1.0, (9, len(kernel.internal_states)))
     for name in names:
-        whole = getattr(kernel, name)(q, v)
-        assert np.array_equal(whole, [getattr(kernel, name)(x, y) for x, y in zip(q, v, strict=True)])
-        rough = getattr(single, name)(q.astype(np.float32), v.astype(np.float32))
+        whole = getattr(kernel, name)(q, v, z=z)
+        assert np.array_equal(whole, [getattr(kernel, name)(x, y, z=s) for x, y, s in zip(q, v, z, strict=True)])
+        rough = getattr(single, name)(*(x.astype(np.float32) for x in (q, v)), z=z.astype(np.float32))
         assert np.abs(rough - whole).max() <= 1e-3 * np.abs(whole).max()
 
 

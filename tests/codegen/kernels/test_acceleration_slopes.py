@@ -31,15 +31,19 @@ NAME = "forward_dynamics_jacobian"
 
 
 def by_complex_steps(robot: Robot, s: State) -> Array:
-    """Derivatives of the accelerations' program, (3, n, n)."""
-    arrays = {x: getattr(s, x) for x in "qvu"}
-    return np.stack([complex_jacobian(robot, "forward_dynamics", arrays, label) for label in arrays])
+    """Derivatives of the accelerations' program by q, by v and z, and by u, (3, n + m, n + m)."""
+    arrays, n = {x: getattr(s, x) for x in "qvzu"}, s.q.size
+    blocks = np.zeros((3, n + s.z.size, n + s.z.size))  # no column of u, nor of q, is one of an internal state
+    for block, labels in zip(blocks, ("q", "vz", "u"), strict=True):
+        found = [complex_jacobian(robot, "forward_dynamics", arrays, x) for x in labels if arrays[x].size]
+        block[:, : sum(x.shape[1] for x in found)] = np.hstack(found)
+    return blocks
 
 
 def by_program(robot: Robot, s: State, way: str) -> Array:
     model = build_model(robot)
     program, n = derive_cheapest(model, NAME, way)[0], model.size
-    values = {x: [float(y) for y in getattr(s, x)] for x in "qvu"}
+    values = {x: [float(y) for y in getattr(s, x)] for x in "qvzu"}
     values["p"] = [*model.parameters.values(), *[0.0] * len(model.turning)]
     calls = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "atan2": math.atan2}
     out = evaluate(program, values, calls=calls)
@@ -71,7 +75,7 @@ def test_both_ways_are_derivatives_of_the_accelerations(seed: int, way: str) -> 
     robot = (robot_of, free_bodies_of)[seed % 2](seed // 2)
     s = motor_state(robot, seed)
     found, expected = by_program(robot, s, way), by_complex_steps(robot, s)
-    condition = np.linalg.cond(expected[2])
+    condition = np.linalg.cond(expected[2][: s.q.size, : s.q.size])
     allowed = max(1e-11, 100.0 * np.finfo(float).eps * condition)
     for block, wanted in zip(found, expected, strict=True):
         assert np.abs(block - wanted).max() <= allowed * np.abs(wanted).max()

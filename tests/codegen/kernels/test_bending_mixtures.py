@@ -18,6 +18,7 @@ from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Placement
 from tests.oracles.complex_step import complex_jacobian
+from tests.support.added_forces import check_columns
 from tests.support.bending_mixtures import PARTS, arrays, mixture
 from tests.support.programs import answer, by_solvers
 from tests.support.random_robots import Array, State, seeds
@@ -29,11 +30,18 @@ def close(found: Array, expected: Array, limit: float = LIMIT) -> None:
     assert np.abs(found - expected).max(initial=0.0) <= limit * max(1.0, float(np.abs(expected).max(initial=0.0)))
 
 
-def inertias(model: Model, s: State) -> tuple[Array, Array]:
-    """Return M and derivatives of the residual by accelerations, (n, n) each, with internal states."""
-    n = model.size
-    M = answer(model.robot, "mass_matrix", q=s.q).reshape(n, n)
-    return M, answer(model.robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)[2]
+def slopes_of_residual(model: Model, s: State) -> Array:
+    """Return derivatives of the residual and of internal states' rows by q, by v and z, and by a, (3, n + m, n + m)."""
+    return answer(model.robot, "residual_jacobian", s).reshape(3, model.size, model.size)
+
+
+def check_rows_of_states(slopes: Array, model: Model, s: State) -> None:
+    """Rows of internal states are minus their rates times their inertias, which the derivatives by a have."""
+    n, given = len(s.q), arrays(s, "q", "v", "z", "u")
+    kernel = "tree_forward_dynamics" if model.constraints else "forward_dynamics"
+    for block, labels in zip(slopes, ("q", "vz"), strict=False):
+        rates = np.hstack([complex_jacobian(model.robot, kernel, given, x)[n:] for x in labels if given[x].size])
+        close(block[n:, : rates.shape[1]], -np.diag(slopes[2])[n:, np.newaxis] * rates)
 
 
 @pytest.mark.parametrize("seed", seeds(0, 4, 120))
@@ -42,18 +50,20 @@ def test_mass_matrices_and_derivatives(seed: int) -> None:
     mixed = mixture(seed)
     robot, s = mixed.robot, mixed.state(seed)
     model = build_model(robot)
-    n, own = model.size, len(model.coordinates)
-    M, by_a = inertias(model, s)
+    n, slopes = len(model.coordinates), slopes_of_residual(model, s)
+    M, by_a = answer(robot, "mass_matrix", q=s.q).reshape(n, n), slopes[2]
     assert np.array_equal(M, M.T)
-    assert np.linalg.eigvalsh(M[:own, :own])[0] > 0.0
-    close(M, by_a)
+    assert np.linalg.eigvalsh(M)[0] > 0.0
+    whole = np.diag(np.diag(by_a))
+    whole[:n, :n] = M
+    close(whole, by_a)
     assert (np.diag(by_a) > 0.0).all()  # states of drives, which store nothing, too
-    needed, still = (answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=a) for a in (s.a, 0.0 * s.a))
-    close((needed - still)[:own], (M @ s.a)[:own])
+    needed, still = (answer(robot, "inverse_dynamics", s, a=a) for a in (s.a, 0.0 * s.a))
+    close(needed - still, M @ s.a)
     if not model.drives:  # whose slopes are apart
-        found = answer(robot, "residual_jacobian", **arrays(s, "q", "v", "a")).reshape(3, n, n)
-        for block, label in zip(found, "qva", strict=True):
-            close(block, complex_jacobian(robot, "residual", arrays(s, "q", "v", "a", "u"), label))
+        check_columns(slopes, robot, s, LIMIT)
+        if model.internal_states:
+            check_rows_of_states(slopes, model, s)
 
 
 @pytest.mark.parametrize("seed", seeds(200, 3, 100))
@@ -62,21 +72,21 @@ def test_accelerations_by_all_solvers(seed: int) -> None:
     mixed = mixture(seed, tuple(x for x in PARTS if x != "drives")[seed % 2 :: 2])
     robot, s = mixed.robot, mixed.state(seed)
     model = build_model(robot)
-    own, given = len(model.coordinates), list(model.prescribed)
+    n, given = len(model.coordinates), list(model.prescribed)
     if not model.constraints:
-        u = answer(robot, "inverse_dynamics", q=s.q, v=s.v, a=s.a)
+        u = answer(robot, "inverse_dynamics", s)
         u[given] = s.a[given]
-        M, _ = inertias(model, s)
-        for a in by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, u=u).values():
-            close(a[:own], s.a[:own], 1e-13 * float(np.linalg.cond(M[:own, :own])))
+        M = answer(robot, "mass_matrix", q=s.q).reshape(n, n)
+        for a in by_solvers(robot, "forward_dynamics", q=s.q, v=s.v, z=s.z, u=u).values():
+            close(a[:n], s.a, 1e-13 * float(np.linalg.cond(M)))
         return
-    J = answer(robot, "constraint_jacobian", q=s.q).reshape(-1, model.size)
+    J = answer(robot, "constraint_jacobian", q=s.q).reshape(-1, n)
     bias = answer(robot, "constraint_bias", q=s.q, v=s.v)
-    free = np.setdiff1d(np.arange(own), given)
-    for values in by_solvers(robot, "constrained_dynamics", **arrays(s, "q", "v", "u")).values():
-        a, multipliers = values[: model.size], values[model.size : model.size + len(J)]
+    free = np.setdiff1d(np.arange(n), given)
+    for values in by_solvers(robot, "constrained_dynamics", **arrays(s, "q", "v", "z", "u")).values():
+        a, multipliers = values[:n], values[model.size : model.size + len(J)]
         close(J @ a, -bias, 1e-9)
-        residual = answer(robot, "residual", q=s.q, v=s.v, a=a, u=s.u)
+        residual = answer(robot, "residual", s, a=a)
         pushed = J.T @ multipliers
         assert np.abs((residual - pushed)[free]).max() < 1e-9 * max(1.0, np.abs(pushed).max())
 
@@ -86,11 +96,10 @@ def test_forces_at_rest_are_slopes_of_energy(seed: int) -> None:
     """Whatever stores energy: laws, transmissions, springs and bushings on nodes, modes; all that damps is silent."""
     rng = np.random.default_rng(seed)
     mixed = mixture(seed, tuple(x for x in PARTS if x != "drives" and rng.random() < 0.5))
-    s, n = mixed.state(seed), len(build_model(mixed.robot).coordinates)
-    still = np.zeros_like(s.v)
-    needed = answer(mixed.robot, "inverse_dynamics", q=s.q, v=still, a=still)
-    slopes = complex_jacobian(mixed.robot, "energy", {"q": s.q, "v": still}, "q").sum(axis=0)
-    close(needed[:n], slopes[:n])
+    s = mixed.state(seed)
+    still = {"q": s.q, "v": np.zeros_like(s.v), "z": np.zeros_like(s.z)}
+    needed = answer(mixed.robot, "inverse_dynamics", **still, a=still["v"])
+    close(needed, complex_jacobian(mixed.robot, "energy", still, "q").sum(axis=0))
 
 
 @pytest.mark.parametrize("seed", seeds(800, 2, 60))

@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.codegen.kernels.derived import FRAMED, RATES
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, available, shapes
+from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, available, shapes, signatures
 from eomgen.codegen.program.accumulation import jacobian
 from eomgen.codegen.program.forward_mode import gradients, tangent
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
@@ -44,7 +44,7 @@ class Inputs:
     def __init__(self, model: Model, name: str, seed: int, q: np.ndarray | None = None) -> None:
         self.model, self.name, self.rng = model, name, np.random.default_rng(seed)
         size = {array: math.prod(shape) for array, shape in shapes(model).items()}
-        *self.reads, self.weights = KERNELS[f"{name}_adjoint"].reads
+        *self.reads, self.weights = signatures(model)[f"{name}_adjoint"].reads
         self.values = {array: self.rng.uniform(-1.0, 1.0, size[array]) for array in (*self.reads, self.weights)}
         if q is not None:
             self.values["q"] = q
@@ -206,13 +206,13 @@ def inputs(robot: Robot, seed: int) -> dict[str, np.ndarray]:
     """A state, wrenches, and rates of all of them, flat."""
     rng, state, links = np.random.default_rng(seed), motor_state(robot, seed), len(build_model(robot).links)
     values = {"q": state.q, "v": state.v, "a": state.a, "u": state.u, "wrench": rng.uniform(-5.0, 5.0, 6 * links)}
-    return values | {rate: rng.uniform(-1.0, 1.0, values[name].size) for name, rate in RATES.items()}
+    return values | {RATES[name]: rng.uniform(-1.0, 1.0, x.size) for name, x in values.items()}
 
 
 def complex_derivative(robot: Robot, kernel: str, values: dict[str, np.ndarray]) -> np.ndarray:
     """The derivative of a kernel's program along the rates, exact to round-off."""
     model = build_model(robot)
-    moved = {name: list(values[name] + 1e-30j * values[rate]) for name, rate in RATES.items()}
+    moved = {name: list(values[name] + 1e-30j * values[rate]) for name, rate in RATES.items() if name in values}
     moved["p"] = [complex(x) for x in model.parameters.values()]
     found = evaluate(derive(model, kernel), moved, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
     return np.array([complex(found[key]).imag * 1e30 for key in sorted(found) if key[0] == "out"])

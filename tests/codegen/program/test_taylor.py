@@ -34,6 +34,7 @@ from tests.support.bristles import stateful_arm
 from tests.support.random_robots import random_robot, seeds
 from tests.support.soak import soaked
 
+OTHERS = ("z", "u", "forces")  # arrays beside motions
 OF_MOTIONS = ("inverse_dynamics", "forward_dynamics", "energy", "mass_matrix", "residual", "kinematics")
 MATRICES = ("forward_dynamics_jacobian", "christoffel", "residual_jacobian")
 NUMBERS = {"sqrt": mpmath.sqrt, "exp": mpmath.exp, "log": mpmath.log, "atan2": mpmath.atan2}
@@ -103,12 +104,16 @@ def agree(
 
 
 def motion_of(model: Model, order: int, seed: int) -> dict[str, list[np.ndarray]]:
-    """Time derivatives of q, v, a and u; those of q, v and a are of one motion."""
-    rng = np.random.default_rng(seed)
+    """Time derivatives of q, v, a, z, u and forces beside drives; those of q, v and a are of one motion."""
+    rng, n = np.random.default_rng(seed), len(model.coordinates)
     derivatives = [rng.uniform(-1.0, 1.0, model.size) for _ in range(order + 3)]
+    drives = [rng.uniform(-5.0, 5.0, model.size) for _ in range(order + 1)]
+    beside = [states[0] for states in model.drives.values()]
     return {
-        **{name: derivatives[i : i + order + 1] for i, name in enumerate(MOTION[:3])},
-        "u": [rng.uniform(-5.0, 5.0, model.size) for _ in range(order + 1)],
+        **{name: [x[:n] for x in derivatives[i : i + order + 1]] for i, name in enumerate(MOTION[:3])},
+        "z": [x[n:] for x in derivatives[1 : order + 2]],
+        "u": [x[:n] for x in drives],
+        "forces": [x[beside] for x in drives],
     }
 
 
@@ -128,11 +133,11 @@ def agree_along(robot: Robot, name: str, seed: int) -> None:
     """The jet of first order has the rates that forward differentiation has, to round-off."""
     model = build_model(robot)
     program, moving = whole_program(model, name, lambda part: derive(model, part)), motion_of(model, 1, seed)
-    rates = {**dict(itertools.pairwise(MOTION[:4])), "u": "u1"}
+    rates = {**dict(itertools.pairwise(MOTION[:4])), **{name: f"{name}1" for name in OTHERS}}
     along = run_passes(tangent(program, rates, "along"))
-    made = run_passes(jet(program, jet_series(["q", "v", "a", "u"], 1), 1, "jet"))
+    made = run_passes(jet(program, jet_series(["q", "v", "a", *OTHERS], 1), 1, "jet"))
     inputs = {"p": list(model.parameters.values()), "q": moving["q"][0], "v": moving["v"][0], "a": moving["a"][0]}
-    inputs |= {"jerk": moving["a"][1], "u": moving["u"][0], "u1": moving["u"][1]}
+    inputs |= {"jerk": moving["a"][1], **{f"{x}{k or ''}": moving[x][k] for x in OTHERS for k in (0, 1)}}
     found, wanted = evaluate(made, inputs), evaluate(along, inputs)
     size = 1 + max(place for array, place in program.outputs if array == "out")
     largest = max(1.0, *(abs(x) for (array, _), x in wanted.items() if array == "out"))
