@@ -227,7 +227,7 @@ MUTANTS = [
     ("closed", JACOBIAN, DERIVATIVES, "-D[at + size + i]", "D[at + size + i]"),
     ("closed", JACOBIAN, DERIVATIVES, "by_q[entry] - D[at + i]", "by_q[entry] + D[at + i]"),
     ("closed", JACOBIAN, DERIVATIVES, "x[n * j] += Y[n * r + j]", "x[n * j] -= Y[n * r + j]"),
-    ("closed", FORWARD, CODE, "memcpy(out, &found[0]", "memcpy(out, &found[1]"),
+    ("closed", FORWARD, CODE, "memcpy(out, found,", "memcpy(out, &found[1],"),
     ("closed", "constraint_forces", CODE, "memcpy(out, &found[3]", "memcpy(out, &found[2]"),
     ("closed", "inverse_dynamics", CODE, "memcpy(out, found,", "memcpy(out, &found[1],"),
     ("closed", "inverse_dynamics_under_load", CODE, "a, u, found)", "a, v, found)"),

@@ -38,7 +38,7 @@ def sample(seed: int) -> Robot:
 
 
 def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
-    """A random state and wrenches by the names of arrays; internal states stand behind velocities in what is drawn."""
+    """A random state and wrenches by the names of arrays."""
     if robot.modal_coordinates:
         rng = np.random.default_rng([seed, 9])
         s = State(*rng.uniform(-0.3, 0.3, (4, kernel.n)))
