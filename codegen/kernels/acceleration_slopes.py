@@ -70,7 +70,8 @@ def _by_values(d: Derivation) -> Outputs:
     partials: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i, drive in enumerate(drives):
         if i not in d.model.prescribed and isinstance(drive, Node) and _key(drive) != _key(d.u[i]):
-            partials[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0} | by_inputs[i]
+            own = {_key(d.u[i]): 1.0} if isinstance(d.u[i], Node) else {}  # no force acts on an internal state
+            partials[drive.index] = _turned_round(d, i, by_q, by_v) | own | by_inputs[i]
     return _written(d, [_key(a) for a in tree.free], partials, pivots)
 
 
