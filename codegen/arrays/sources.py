@@ -16,7 +16,7 @@ from ..kernels.derived import METHODS
 from ..kernels.equations import Equations, derive_equations
 from ..kernels.groups import ARRAYS, kernel_group
 from ..kernels.interface import drive_inputs
-from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, available, shapes, signatures
+from ..kernels.signatures import CLOSED_PROGRAMS, KERNELS, available, shapes, signatures_of
 from ..program.ir import Program
 from .statements import write_statements
 
@@ -81,7 +81,7 @@ def _function(equations: Equations, name: str) -> dict[str, Any]:
 
 def _program(equations: Equations, name: str) -> tuple[Program, tuple[str, ...], tuple[str, ...]]:
     """Return the program, the arrays that callers pass, and those that are zero."""
-    known = signatures(equations.model)
+    known = signatures_of(equations.model)
     closed = CLOSED_PROGRAMS.get(name) if equations.model.constraints else None
     if closed is not None:
         reads, closed_reads = known[name].reads, known[closed].reads

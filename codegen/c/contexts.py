@@ -20,7 +20,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.entries import JOINED, KernelTable
 from ..kernels.equations import Equations
 from ..kernels.interface import places_of_forces, turning_joints
-from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures_of
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
@@ -53,7 +53,7 @@ def statuses(model: Model) -> int:
 
 def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
     """Return names, their counts, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
-    model, known = equations.model, signatures(equations.model)
+    model, known = equations.model, signatures_of(equations.model)
     public = functions(equations.kernels, known)
     turning = turning_joints(model)
     return {
@@ -134,7 +134,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
 def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
     model, dtype, scalar = equations.model, equations.dtype, SCALARS[equations.dtype]
-    known = signatures(model)
+    known = signatures_of(model)
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
@@ -311,7 +311,7 @@ def lane_context(equations: Equations) -> dict[str, Any]:
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
     ]
-    known = signatures(model)
+    known = signatures_of(model)
     public = _functions(functions(together, known))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}

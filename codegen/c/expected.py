@@ -21,7 +21,7 @@ from ..kernels.blocks import row_blocks
 from ..kernels.bodies import jacobian_columns
 from ..kernels.derivatives.whole import is_joined, whole_program
 from ..kernels.equations import Equations
-from ..kernels.signatures import SIGNATURES, Function, functions, signatures
+from ..kernels.signatures import SIGNATURES, Function, functions, signatures_of
 from ..program.ir import Program, evaluate_lanes
 from .contexts import PIVOT_LIMITS
 
@@ -83,7 +83,7 @@ class _Reference:
         rng, copies = np.random.default_rng(1), STATES * COPIES
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
-        known = signatures(equations.model)
+        known = signatures_of(equations.model)
         self.functions = [x for x in functions(equations.kernels, known) if x.kind != "gradient"]
         sizes = equations.interface["shapes"]
         read = sorted({*INPUTS & sizes.keys()} | {array for x in self.functions for array in x.signature.reads})

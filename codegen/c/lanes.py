@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..kernels.equations import Equations
-from ..kernels.signatures import BATCHES, KERNELS, PARTS, SIGNATURES, SINGLES, functions, signatures
+from ..kernels.signatures import BATCHES, KERNELS, PARTS, SIGNATURES, SINGLES, functions, signatures_of
 from ..program.ir import GATE, Program
 from .statements import handed_on, split, trig_values, workspace
 
@@ -20,7 +20,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 def batched(equations: Equations) -> list[str]:
     """List kernels that work on several states at a time: public ones whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()}
-    known = signatures(equations.model)
+    known = signatures_of(equations.model)
     size |= {"kept": kept_size(equations), "pair_kept": kept_size(equations, "pair_kept")}
 
     def values(name: str) -> int:
@@ -80,7 +80,7 @@ def functions_of_libraries(equations: Equations, *, batches: bool = True) -> dic
     The library "singles" has those for one state, and batches that call these state by state; "batches" has those that
     work on vectors.  Each begins with "setup", which a library of both has once.
     """
-    known = functions(equations.kernels, signatures(equations.model))
+    known = functions(equations.kernels, signatures_of(equations.model))
     singles = [function.name for function in known]
     singles += [f"{x.name}_joined" for x in known if x.signature.in_balances and x.signature.is_joined]
     if not batches:

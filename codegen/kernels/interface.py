@@ -26,7 +26,7 @@ from .signatures import (
     functions,
     reading_names,
     shapes,
-    signatures,
+    signatures_of,
 )
 
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
@@ -42,7 +42,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
     those of the kind "frames", and ``RawFunction`` says what a kind means.
     """
-    robot, known = model.robot, signatures(model)
+    robot, known = model.robot, signatures_of(model)
     free = [name for i, name in enumerate(model.coordinates) if i not in model.prescribed]
     motors = {model.coordinates[index]: model.coordinates[principal] for index, principal in model.motors.items()}
     described = {

@@ -535,7 +535,7 @@ def signature_table(*, states: bool, drives: bool) -> KernelTable:
     return KernelTable({**own, **differentiated(own), **GRADIENTS, **others})
 
 
-def signatures(model: Model) -> KernelTable:
+def signatures_of(model: Model) -> KernelTable:
     """Return all signatures as a model has them."""
     return signature_table(states=bool(model.internal_states), drives=bool(model.drives))
 
@@ -722,6 +722,6 @@ def _shapes(model: Model, kernels: frozenset[str] | None) -> dict[str, tuple[int
     }
     if kernels is None or "radau_rollout" in kernels:
         table |= _pairs(model)
-    known = signatures(model)
+    known = signatures_of(model)
     wanted = {name: known[name] for name in DERIVATIVES.compiled if kernels is None or name in kernels}
     return {**table, **derivative_shapes(wanted, table, len(model.parameters))}

@@ -13,7 +13,7 @@ from ..kernels.derivatives.whole import whole_program
 from ..kernels.derived import FRAMED, METHODS
 from ..kernels.equations import STRAIGHT_COLUMNS, columns_cost, derive, why_missing
 from ..kernels.groups import DEVICE
-from ..kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS, available, shapes, signatures
+from ..kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS, available, shapes, signatures_of
 from ..kernels.writers import VARIANTS, WRITERS
 from ..program.ir import FIRST, GATE, Graph, Instruction, Program, Value, copied, finish, select, verify
 from ..program.passes import hoist_parameters
@@ -217,12 +217,12 @@ def _kernel(model: Model, name: str, chosen: Sequence[str], program: Program) ->
         found = {"q": known["q"]}, {"out": known[array]}
         return ThreadKernel(name, text, program, *found, has_columns=array in COLUMNS)
     if name in ROLLOUTS:
-        reads = {x: known[x] for x in signatures(model)[ROLLOUTS[name][0]].reads if x not in ("added", "dt")}
+        reads = {x: known[x] for x in signatures_of(model)[ROLLOUTS[name][0]].reads if x not in ("added", "dt")}
         writes = {f"{x}_out": known[x] for x in ("q", "v", "z") if x in reads}
         if name in CONTROLLED:
             reads |= dict.fromkeys(("kp", "kd", "target"), (len(model.driven),))
         return ThreadKernel(name, ROLLOUTS[name][1], program, reads, writes, ("step", "steps"))
-    signature = signatures(model)[name]
+    signature = signatures_of(model)[name]
     reads = {array: known[array] for array in signature.reads}
     writes, has_columns = {"out": known[signature.writes]}, signature.writes in COLUMNS
     return ThreadKernel(name, signature.text, program, reads, writes, has_columns=has_columns)

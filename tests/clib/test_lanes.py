@@ -13,11 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.package.compile import FLAGS, WARNINGS, processor
+from eomgen.codegen.package.compile import FLAGS, WARNINGS
+from tests.support.processors import skip_without
 
 LIBRARY = Path(eomgen.__path__[0], "clib")
 SOURCE = Path(__file__).with_name("lanes.c")
-NEEDS = {"-mavx2": "avx2", "-mavx512f": "avx512f"}
 WIDTHS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2",), ("-mavx512f",), ("-DEOMGEN_VECTOR=64", "-Wno-psabi")]
 LEFT = -77.0  # what nobody has written
 Array = NDArray[Any]
@@ -68,8 +68,7 @@ LANES = [(flags, dtype) for flags in WIDTHS for dtype in ("float64", "float32")]
 )
 def lanes(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Lanes:
     flags, dtype = request.param
-    if any(need not in processor().split() for flag, need in NEEDS.items() if flag in flags):
-        pytest.skip(f"this processor knows no {flags[0]}")
+    skip_without(flags)
     library = tmp_path_factory.mktemp("lanes") / "lanes.so"
     single = ("-DEOM_SINGLE",) if dtype == "float32" else ()
     command = ["cc", *WARNINGS, "-Werror", "-shared", "-fPIC", *FLAGS, *flags, *single, f"-I{LIBRARY}"]

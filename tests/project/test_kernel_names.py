@@ -54,7 +54,7 @@ WHERE = {  # modules in which they mean that
     "imu": ("control/sensing", "robot/value/sensor", "robot/value/sensor_readings"),
     "loop_reactions": ("identification/from_motion",),
     "reactions": ("export/fmu/variables", "identification/from_motion"),
-    "regressor": ("codegen/c/metadata.py", "runtime/by_name", "runtime/calls", "runtime/derivatives/by_arguments"),
+    "regressor": ("codegen/c/metadata.py", "runtime/by_name"),
     "residual": (
         *("control/feedforward_result", "control/inversion/result", "integration/system"),
         "pictures/measured/motions",

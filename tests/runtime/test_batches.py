@@ -18,6 +18,7 @@ from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
 from tests.support.joint_table import joint_table, link_table
+from tests.support.processors import skip_without
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -93,6 +94,7 @@ def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
     "flags", [(), ("-DEOMGEN_VECTOR=0",), pytest.param(("-mavx2",), marks=pytest.mark.soak), ("-mavx512f",)]
 )
 def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
+    skip_without(flags)
     robot = drawn(seed)
     kernel, states = eomgen.build(robot, kernels=KERNELS, flags=(*flags, "-O1")), random_states(robot, seed)
     for name, (call, reads) in calls(kernel).items():
@@ -169,6 +171,7 @@ def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
 @pytest.mark.parametrize("flags", [(), ("-mavx512f",), ("-mavx2",)])
 def test_results_stand_wherever_there_is_room(flags: tuple[str, ...]) -> None:
     """Matrices with zeros and mirrored halves, at any place in a vector of memory, of any number of states."""
+    skip_without(flags)
     robot = random_robot(3, joints=(10, 10), tree=True, types=("revolute",), max_coordinates=1, forces=False)
     names = ("mass_matrix", "forward_dynamics_jacobian", "residual_jacobian")
     kernel = eomgen.build(robot, kernels=names, flags=(*flags, "-O1"))
@@ -194,6 +197,7 @@ def test_results_stand_wherever_there_is_room(flags: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("flags", [("-mavx2",), ("-mavx512f",)])
 def test_a_failure_in_any_lane_is_found(flags: tuple[str, ...]) -> None:
     """Pivots are compared with their scales in all lanes at once, and the first failure is named all the same."""
+    skip_without(flags)
     link = Link("body", 2.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.3, 0.0, 0.0, 0.0))
     joint = Joint("free", "base", "body", "free", coordinates={name: Coordinate() for name in COORDINATES})
     robot = Robot("floating", (0.0, 0.0, -9.81), (link,), (joint,))
@@ -236,6 +240,7 @@ def tree(seed: int) -> Robot:
 @pytest.mark.usefixtures("short_parts")
 def test_states_have_the_bits_that_they_have_alone(flag: str, seed: int, empty_cache: Path) -> None:
     """Whatever part of the last vector they fill."""
+    skip_without([flag])
     kernel = eomgen.build(tree(seed), kernels=("forward_dynamics",), flags=("-O0", flag))
     (text,) = (path.read_text() for path in empty_cache.glob("packages/*/tree.c"))
     assert "tree_forward_dynamics_several(" in text
@@ -253,6 +258,7 @@ def test_states_have_the_bits_that_they_have_alone(flag: str, seed: int, empty_c
 @pytest.mark.usefixtures("short_parts")
 def test_the_first_singular_state_is_named(flag: str, empty_cache: Path) -> None:
     """Whichever vector and lane it is in."""
+    skip_without([flag])
     kernel = eomgen.build(robot_from_toml(POINT), kernels=("forward_dynamics", "mass_matrix"), flags=("-O0", flag))
     assert "part1" in next(empty_cache.glob("packages/*/point.c")).read_text()
     for first in (0, 3, 7, 8, 15, 16, 30, N - 1):

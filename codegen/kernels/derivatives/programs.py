@@ -14,7 +14,7 @@ from ...program.reverse_mode import adjoint, hessian
 from ...program.taylor import jet
 from ...solve.factorised import solve_operations
 from ..derived import PARAMETER_RATES, RATES, TIMES, jet_series
-from ..signatures import SIGNATURES, shapes, signatures
+from ..signatures import SIGNATURES, shapes, signatures_of
 from .whole import Derive, whole_program
 
 # Of a matrix or tensor that C computes in loops, of which programs of time derivatives are made
@@ -23,7 +23,7 @@ MOST_OPERATIONS = 12000
 
 def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     """Derive the program of one entry of DERIVATIVES; ``derive`` gives that of any entry of the tables."""
-    signature, size = signatures(model)[kernel], shapes(model)
+    signature, size = signatures_of(model)[kernel], shapes(model)
     if signature.kind == "tangent":
         rates = {array: f"d{array}" for array in signature.reads if f"d{array}" in signature.reads}
         rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}

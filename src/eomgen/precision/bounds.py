@@ -18,7 +18,7 @@ import numpy as np
 
 from ..codegen.kernels.bodies import axes_of
 from ..codegen.kernels.equations import Equations, derive_equations
-from ..codegen.kernels.signatures import DTYPES, KERNELS, available, shapes, signatures
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available, shapes, signatures_of
 from ..codegen.program.ir import Program
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
@@ -148,7 +148,7 @@ def no_program(equations: Equations, kernel: str) -> str:
 def _bound_program(equations: Equations, kernel: str, ranges: Ranges, dtype: str) -> RoundingBound:
     """Bound the outputs of a kernel that is a program."""
     model, program = equations.model, with_setup(equations.programs[kernel], equations.setup)
-    chosen, gears = chosen_ranges(model, signatures(model)[kernel].reads, ranges, dtype), deflections(model, ranges)
+    chosen, gears = chosen_ranges(model, signatures_of(model)[kernel].reads, ranges, dtype), deflections(model, ranges)
     found = program_intervals(program, dtype, as_intervals(chosen), gears)
     names = output_names(model, kernel)
     bound, fused, share = np.zeros(len(names)), np.zeros(len(names)), np.zeros(len(names))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..codegen.kernels.equations import Equations, derive_equations
 from ..codegen.kernels.groups import ADVICE_ON_FLOAT32, kernel_group
-from ..codegen.kernels.signatures import signatures
+from ..codegen.kernels.signatures import signatures_of
 from ..codegen.program.ir import Program
 from ..description import RobotLike, as_robot
 from ..errors import check_kind
@@ -81,7 +81,7 @@ def _errors(kernel: str, single: Equations, double: Equations, ranges: Ranges) -
     """Compare a kernel's programs, and name the operations that dominate the worst error."""
     model, names = single.model, output_names(single.model, kernel)
     narrow, wide = (with_setup(equations.programs[kernel], equations.setup) for equations in (single, double))
-    chosen = chosen_ranges(model, signatures(model)[kernel].reads, ranges, "float32")
+    chosen = chosen_ranges(model, signatures_of(model)[kernel].reads, ranges, "float32")
     states = random_states(chosen, deflections(model, ranges), STATES, "float32")
     exact = output_values(wide, {**states, "p": _described(model, states["p"])}, "float64", len(names))
     off = np.abs(output_values(narrow, states, "float32", len(names)) - exact)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.codegen.c.functions import COEFFICIENTS
-from eomgen.codegen.package.compile import FLAGS, processor
+from eomgen.codegen.package.compile import FLAGS
 from tests.oracles.sines import polynomials
+from tests.support.processors import skip_without
 from tests.support.soak import soaked
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
 SOME = [*VECTORS[:2], *(pytest.param(flags, marks=pytest.mark.soak) for flags in VECTORS[2:3]), *VECTORS[3:]]
-NEEDS = {"-mavx2": "avx2", "-mavx512f": "avx512f"}
 LIBRARY = Path(eomgen.__path__[0], "clib")
 CTYPES = {"float64": "double", "float32": "float"}
 
@@ -56,8 +56,7 @@ def angles_of(dtype: str) -> NDArray[np.floating]:
 @pytest.mark.parametrize("dtype", soaked(["float64", "float32"], ["float64"]))
 @pytest.mark.parametrize("flags", SOME, ids=lambda flags: " ".join(flags) or "default")
 def test_within_units_in_the_last_place(dtype: str, flags: tuple[str, ...], tmp_path: Path) -> None:
-    if any(need not in processor().split() for flag, need in NEEDS.items() if flag in flags):
-        pytest.skip(f"this processor knows no {flags[0]}")
+    skip_without(flags)
     angles, allowed = angles_of(dtype), COEFFICIENTS[dtype].error
     found = turn(dtype, flags, angles, tmp_path)
     with mpmath.workprec(1200):

@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.codegen.kernels.derived import FRAMED, RATES
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, available, shapes, signatures
+from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, available, shapes, signatures_of
 from eomgen.codegen.program.accumulation import jacobian
 from eomgen.codegen.program.forward_mode import gradients, tangent
 from eomgen.codegen.program.ir import Graph, Node, Program, Value, evaluate, finish
@@ -44,7 +44,7 @@ class Inputs:
     def __init__(self, model: Model, name: str, seed: int, q: np.ndarray | None = None) -> None:
         self.model, self.name, self.rng = model, name, np.random.default_rng(seed)
         size = {array: math.prod(shape) for array, shape in shapes(model).items()}
-        *self.reads, self.weights = signatures(model)[f"{name}_adjoint"].reads
+        *self.reads, self.weights = signatures_of(model)[f"{name}_adjoint"].reads
         self.values = {array: self.rng.uniform(-1.0, 1.0, size[array]) for array in (*self.reads, self.weights)}
         if q is not None:
             self.values["q"] = q

@@ -37,7 +37,7 @@ from eomgen.runtime.stepping.options import rollout_of
 from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
 from ...codegen.kernels.entries import JOINED
 from ...codegen.kernels.groups import CLOSED_FMU, FMU, kernel_group
-from ...codegen.kernels.signatures import CLOSED_PROGRAMS, signatures
+from ...codegen.kernels.signatures import CLOSED_PROGRAMS, signatures_of
 from ...pipeline.mechanisms import assembled_home
 from ..step import default_step
 from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
@@ -194,7 +194,7 @@ def _files(
 
 def _arguments(model: Model) -> Callable[..., str]:
     """Return what writes the arrays that a function reads, by their names; those that stand behind others are found."""
-    known = signatures(model)
+    known = signatures_of(model)
 
     def passed(function: str, **arrays: str) -> str:
         behind = {x: f"{arrays[of]} + UNIT_DOF" for x, of in JOINED.items() if of in arrays}

@@ -15,7 +15,7 @@ from eomgen._version import __version__
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.kernels.interface import turning_joints
-from eomgen.codegen.kernels.signatures import functions, signatures, with_beside
+from eomgen.codegen.kernels.signatures import functions, signatures_of, with_beside
 from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
@@ -221,7 +221,7 @@ def _description(
 
 def _declared(model: Model, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Return names that the declarations use beside the others."""
-    public = [x for x in functions(meta["kernels"], signatures(model)) if not x.is_rollout]
+    public = [x for x in functions(meta["kernels"], signatures_of(model)) if not x.is_rollout]
     kinds = {function.kind for function in functions(meta["kernels"])}
     size = {array: math.prod(shape) for array, shape in meta["shapes"].items()}
     read = {array: max(size[array], 1) for function in public for array in function.signature.reads}
