@@ -9,6 +9,8 @@ from functools import cache
 
 FOLDER = "clib"  # of eomgen, and beside a robot's file
 LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
+SETUP_ONLY = "EOM_SETUP_ONLY"  # macro that leaves of a robot's file what h is made by
+_DIRECTIVE = re.compile(r"\s*#\s*(if|ifdef|ifndef|else|elif|endif|define|include)\b\s*(.*?)\s*$")
 _TYPES = ("eom.h", "eom_types.h")
 
 
@@ -18,6 +20,43 @@ def library_files() -> dict[str, str]:
     folder = importlib.resources.files("eomgen").joinpath(FOLDER)
     names = sorted(path.name for path in folder.iterdir() if path.name.endswith((".c", ".h")))
     return {f"{FOLDER}/{name}": folder.joinpath(name).read_text(encoding="ascii") for name in names}
+
+
+def included_files(*codes: str) -> dict[str, str]:
+    """Return those of the library's files that a robot's files include, compiled alone, and all that these include."""
+    files, found = library_files(), dict[str, str]()
+
+    def follow(text: str, known: set[str], folder: str) -> None:
+        taken = [True]
+        for line in re.sub(r"\\\n", " ", text).splitlines():
+            if match := _DIRECTIVE.match(line):
+                word, rest = match.groups()
+                if word in ("if", "ifdef", "ifndef"):
+                    condition = {"if": rest, "ifdef": f"defined({rest})", "ifndef": f"!defined({rest})"}[word]
+                    taken.append(taken[-1] and _may_hold(condition, known))
+                elif word == "endif":
+                    taken.pop()
+                elif word in ("else", "elif"):
+                    taken[-1] = taken[-2]  # both ways: what holds there is not known
+                elif taken[-1] and word == "define":
+                    known.add(rest.split("(")[0].split()[0])
+                elif taken[-1] and (place := f"{folder}{rest[1:-1]}") in files:
+                    found[place] = files[place]
+                    follow(files[place], known, f"{FOLDER}/")
+
+    for code in codes:
+        follow(code, set(), "")
+    return dict(sorted(found.items()))
+
+
+def _may_hold(condition: str, known: set[str]) -> bool:
+    """Whether a condition of the preprocessor may hold where some macros are defined: sums of products of these."""
+
+    def holds(term: str) -> bool:
+        match = re.fullmatch(r"(!?)defined\((\w+)\)", term.strip())
+        return match is None or (match[2] in known) != bool(match[1])
+
+    return any(all(map(holds, part.split("&&"))) for part in condition.partition("/*")[0].split("||"))
 
 
 @cache

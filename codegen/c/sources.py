@@ -25,9 +25,10 @@ def render(equations: Equations, *, batches: bool = True) -> Source:
     names = header_context(equations, meta, batches)
     context = {**names, **number_context(equations, meta)}
     header = _fill("kernel/kernel.h.jinja", names)
-    code = _fill("kernel/kernel.c.jinja", context)
+    context["opening"] = _fill("kernel/opening.c.jinja", context)
+    code, batch_code = _tidy(_fill("kernel/kernel.c.jinja", context)), ""
     if batches:
-        code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations)})
+        batch_code = _tidy(_fill("kernel/batches.c.jinja", {**context, **lane_context(equations)}))
     types = library_types(equations.dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
     cdefs = {
         half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
@@ -35,7 +36,7 @@ def render(equations: Equations, *, batches: bool = True) -> Source:
     lengths = [len(program.instructions) for program in equations.programs.values()]
     text = json.dumps(meta, indent=1) + "\n"
     cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
-    return Source(equations.model.name, header, _tidy(code), cdef, text, sum(lengths), longest, cdefs)
+    return Source(equations.model.name, header, code, batch_code, cdef, text, sum(lengths), longest, cdefs)
 
 
 def _tidy(code: str) -> str:

@@ -92,7 +92,7 @@ def built(compiler: str, sine: str, task: Task, out: Path) -> Built:
     sources = [package / f"{ROBOT}.c", *(HERE / f"{name}.c" for name in ("controller", "main", "board"))]
     for source in sources:
         if source.stem in ("controller", ROBOT):  # memcpy of a few bytes is no call
-            flags = [*WARNINGS, "-DEOMGEN_SINGLES_ONLY", SINES[sine], "-fbuiltin"]
+            flags = [*WARNINGS, SINES[sine], "-fbuiltin"]
         else:
             flags = ["-Wall", "-Wextra", "-Werror"]
         said([*tool, *flags, "-c", str(source.resolve()), "-o", f"{source.stem}.o"], folder)

@@ -179,7 +179,7 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
 def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
     """Text alone: a robot with servo drives, and one without."""
     for make, has_efforts in ((servo_arm, False), (stateful_arm, True)):
-        meta = json.loads(make_source(make(), Options(("rollout",), level=BASE)).meta)
+        meta = json.loads(make_source(make(), Options(("rollout",), levels=(BASE,))).meta)
         component = ros2_files(meta)["component.cpp"]
         assert ("message_.effort[i] =" in component) == has_efforts
         assert ("inputs of drives" in component) != has_efforts
@@ -188,7 +188,7 @@ def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The arm's generated package with its headers and its package of ROS 2."""
-    options = Options(("forward_dynamics", "energy", "rollout"), flags=("-O0",), level=BASE)
+    options = Options(("forward_dynamics", "energy", "rollout"), flags=("-O0",), levels=(BASE,))
     return generate(bristle_arm(), tmp_path_factory.mktemp("generated"), options, ros2=True)
 
 

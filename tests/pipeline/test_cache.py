@@ -377,7 +377,7 @@ def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPat
     assert len(list((empty_cache / "packages").glob("*/libone_link.so"))) == 1
     assert np.array_equal(plain.mass_matrix(Q), expected.mass_matrix(Q))
     assert plain.forward_dynamics(Q, Q, Q).shape == (2,)
-    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",), level=BASE))
+    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",), levels=(BASE,)))
     assert (target / "libone_link.so").exists()
     check_alone(target, expected.mass_matrix(Q))
 
@@ -410,7 +410,7 @@ def check_alone(package: Path, expected: np.ndarray) -> None:
 
 def test_generated_package_needs_numpy_and_cffi_alone(tmp_path: Path, built: Build) -> None:
     robot = eomgen.load_robot("one_link")
-    target = generate(robot, tmp_path / "out", Options(flags=("-O0",), level=BASE))
+    target = generate(robot, tmp_path / "out", Options(flags=("-O0",), levels=(BASE,)))
     assert target == tmp_path / "out" / "one_link"
     assert not list(target.parent.glob(".making-*"))
     check_alone(target, built(robot).mass_matrix(Q))

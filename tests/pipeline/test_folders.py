@@ -166,7 +166,7 @@ def test_many_writers_and_kills(tmp_path: Path) -> None:
         assert len(texts) == 1
 
 
-OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
+OPTIONS = Options(("mass_matrix",), flags=("-O0",), levels=("v1",))
 
 
 def test_the_header_says_what_was_derived(tmp_path: Path) -> None:

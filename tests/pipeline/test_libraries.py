@@ -129,7 +129,7 @@ def test_a_robots_file_declares_it_and_holds_none_of_it(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text, encoding="ascii")
     made = str(tmp_path / "robot.o")
-    command = [CC, "-O2", "-c", f"-D{LINKED}", "-DEOMGEN_SINGLES_ONLY", str(tmp_path / "one_link.c"), "-o", made]
+    command = [CC, "-O2", "-c", f"-D{LINKED}", str(tmp_path / "one_link.c"), "-o", made]
     subprocess.run(command, check=True)
     said = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout
     asked = {line.split()[-1] for line in said.splitlines() if line.split()[-1].startswith("eom_")}
@@ -138,7 +138,7 @@ def test_a_robots_file_declares_it_and_holds_none_of_it(tmp_path: Path) -> None:
         "eom_integrate_adaptive",
         "eom_inputs_over_time",
     }
-    package = generate("one_link", tmp_path / "out", Options(ROLLS, level="v1", flags=("-O0",)))
+    package = generate("one_link", tmp_path / "out", Options(ROLLS, levels=("v1",), flags=("-O0",)))
     binary = next(path for path in package.iterdir() if path.name.startswith("_one_link."))
     said = subprocess.run(["nm", "-D", str(binary)], capture_output=True, text=True, check=True).stdout
     assert "one_link" in said
@@ -282,7 +282,7 @@ def test_a_level_that_does_not_run_here_is_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv(VARIABLE, "v5")
     refused(InputError, r"\$EOMGEN_LEVEL: 'v5' is unknown" + allowed, eomgen.build, "one_link")
     refused(InputError, r"level: 'v2' is unknown; allowed: v1, v3, v4$", eomgen.build, "one_link", level="v2")
-    refused(InputError, r"level: 'v3' beside native; allowed: one of them$", Options, level="v3", native=True)
+    refused(InputError, r"levels: v3 beside native; allowed: one of them$", Options, levels=("v3",), native=True)
     with pytest.raises(BuildError, match=r"level: 'v3' is not what the compiler makes code for .*; allowed: v1$"):
         eomgen.build("one_link", level="v3", flags=("-march=x86-64",))
 
@@ -336,7 +336,7 @@ def test_levels_beyond_this_processor_are_compiled_and_not_tried(
 @needs_levels
 def test_a_package_of_one_level(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its binary lies in the package itself; on a processor that does not run it the import says so."""
-    package = generate("one_link", tmp_path, Options(QUICK.kernels, flags=QUICK.flags, level=supported()[-1]))
+    package = generate("one_link", tmp_path, Options(QUICK.kernels, flags=QUICK.flags, levels=(supported()[-1],)))
     assert [path.parent for path in package.rglob("*one_link*.so")] == [package]
     assert answer(python(IMPORT.format(folder=str(tmp_path))))[1] == one_link().mass_matrix(Q).tolist()
     if supported()[-1] != "v1":

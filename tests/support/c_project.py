@@ -101,7 +101,7 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
 
 def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
     """A generated package with its project, compiled without optimisation, for this processor's level alone."""
-    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), level=supported()[-1]), cmake=True)
+    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), levels=(supported()[-1],)), cmake=True)
 
 
 def elastic_tree() -> Robot:

@@ -110,7 +110,7 @@ def compiled_external(kernel: Kernel, wrapper: str, called: str, flags: Sequence
         (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
         _write(folder, {f"{kernel.name}.h": header, **library})
         source = str(folder / f"{kernel.name}.c")
-        run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
+        run_all([[*compile_c, source, "-o", str(folder / "kernel.o")]])
         shutil.rmtree(folder / FOLDER)
 
     made = store.entry("objects", _key(tools, header, code, *library.values()), compile_kernel)

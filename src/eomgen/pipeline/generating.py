@@ -6,19 +6,24 @@ import json
 import os
 import sys
 import warnings
+from dataclasses import replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from ..codegen.kernels.groups import PACKAGE, kernel_group
+from ..codegen.kernels.signatures import OWN_KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
 from ..names import plain_path
 from ..progress import StageReport, no_report, tells_at_prompt
+from ..robot.value import Robot
+from ..runtime.levels import best_level
 from . import cache as store
 from . import direct_calls
 from .derivations import derived_model
 from .folders import new_folder, put_folder
-from .options import Options
+from .options import ALL, Options
 from .stages import Described, describe, make_package, tools_for
 
 _LARGEST = 1 << 28  # bytes of a package's metadata
@@ -39,7 +44,7 @@ def generate(
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
-    It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
+    It has binaries for several x86-64 levels, those of further levels in separate folders, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
     The header says what SymPy derived of the robot's joints, and how many terms of eqs. (11) and (12) vanish by which
     lemma.  A package of an earlier generation there is replaced; a folder that holds anything else is refused.
@@ -47,7 +52,7 @@ def generate(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the package's folder is made.
-        options: see Options.
+        options: see Options; by default with the kernels of PACKAGE, for any processor and for the best level here.
         cmake: write a header for C++17, a CMake project, a pkg-config file and a MEX file's source for MATLAB, too.
         ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
         report: file to write the derivation to, .html or .tex: joint matrices, surviving terms, and of small robots
@@ -67,7 +72,7 @@ def generate(
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
-    described = describe(robot, options or Options()).with_beside()
+    described = describe(robot, package_options(robot, options)).with_beside()
     files, model, header = _files_of_levels(described, progress), derived_model(robot), f"{robot.name}.h"
     files = {**files, header: with_summary(files[header].decode("ascii"), model).encode("ascii")}
     target = folder / robot.name
@@ -78,6 +83,18 @@ def generate(
     if page is not None:
         write_atomically(page, lambda stream: stream.write(render_report(model, page.suffix).encode()), read=None)
     return target
+
+
+def package_options(robot: RobotLike, options: Options | None = None) -> Options:
+    """Return options with the kernels of PACKAGE that a robot has where they name none."""
+    options = options or Options()
+    return options if options.kernels else replace(options, kernels=kernel_group(as_robot(robot), PACKAGE))
+
+
+def left_out(robot: Robot) -> tuple[str, ...]:
+    """Return names of the kernels, without derivatives, that a robot has and a package has on request alone."""
+    described = describe(robot, package_options(robot)).with_beside()
+    return tuple(x for x in kernel_group(described.model, OWN_KERNELS) if x not in described.options.kernels)
 
 
 def _write_package(target: Path, files: store.Files, options: Options, *, cmake: bool, ros2: bool) -> None:
@@ -102,11 +119,14 @@ def _files_of_levels(described: Described, progress: StageReport) -> store.Files
 
     options, name, compiler = described.options, described.robot.name, find_compiler()
     possible = possible_levels(compiler, options.flags)
-    if options.level:
-        check_possible(options.level, possible)
-    levels = ("",) if options.native else (options.level,) if options.level else possible
+    asked = possible if ALL in options.levels else options.levels
+    for level in asked:
+        check_possible(level, possible)
+    best = dict.fromkeys((possible[0], best_level(possible)))
+    levels = ("",) if options.native else asked or tuple(best)
     made = [make_package(described, tools_for(options, level), "", progress).files for level in levels]
-    collected = {**carried_contents(), **made[0]}
+    codes = [data.decode("ascii") for file, data in made[0].items() if file.endswith((".c", ".h"))]
+    collected = {**carried_contents(*codes), **made[0]}
     for level, files in zip(levels[1:], made[1:], strict=True):
         loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{name}.py")]
         collected |= {f"{level}/{file}": files[file] for file in loaded}

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.quick
 ROOT = Path(__file__).parents[3]
 EMBED = (ROOT / "docs" / "embed.md").read_text(encoding="utf-8")
 NEEDED = ("forward_dynamics", "inverse_dynamics", "energy", "kinematics", "rollout")
-ALONE = Options(("mass_matrix",), level=BASE)
+ALONE = Options(("mass_matrix",), levels=(BASE,))
 START, GOAL = [0.0, -0.5, 0.5, 0.0, 0.0, 0.0], [0.8, -1.0, 1.2, 0.3, -0.4, 0.6]
 DT, STEPS, EVERY = 1e-3, 1000, 50
 
@@ -157,7 +157,9 @@ def test_readmes_of_the_examples_say_what_the_documentation_says() -> None:
 
 def test_blocks_of_the_documentation_compile(tmp_path: Path) -> None:
     need("gcc", "g++")
-    package = generate(eomgen.load_robot("puma560"), tmp_path, Options(NEEDED, flags=("-O0",), level=BASE), cmake=True)
+    package = generate(
+        eomgen.load_robot("puma560"), tmp_path, Options(NEEDED, flags=("-O0",), levels=(BASE,)), cmake=True
+    )
     include = tmp_path / "include"
     include.mkdir()
     (include / "eomgen").symlink_to(package)
@@ -275,7 +277,7 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 @pytest.mark.soak
 def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) -> None:
     """CMake installs the robot's header and all that it includes, which users alone would miss."""
-    folder = generate("one_link", tmp_path, options=Options(("rollout",), level=BASE), cmake=True)
+    folder = generate("one_link", tmp_path, options=Options(("rollout",), levels=(BASE,)), cmake=True)
     project = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
     seen = ["one_link.h"]
     for header in seen:
@@ -306,8 +308,8 @@ def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
 
 def test_the_project_is_compiled_as_the_kernel_is(tmp_path: Path) -> None:
     for native in (False, True):
-        level = "" if native else BASE
-        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",), level=level)
+        levels = () if native else (BASE,)
+        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",), levels=levels)
         package = generate(eomgen.load_robot("one_link"), tmp_path, options, cmake=True)
         (line,) = re.findall(r'"SHELL:(.*)"', (package / "CMakeLists.txt").read_text(encoding="ascii"))
         flags = (*FLAGS, *(NATIVE if native else ()), *options.flags)
@@ -332,7 +334,7 @@ def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: 
 
 def test_the_committed_sample_is_current(tmp_path: Path) -> None:
     """``make sample`` writes it; the compiled module is not committed."""
-    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
+    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), levels=(BASE,)))
     sample = ROOT / "generated" / "one_link"
 
     def texts(folder: Path) -> dict[str, str]:

@@ -414,7 +414,7 @@ def test_import_and_calls_leave_the_environment_as_it_is(native: bool, tmp_path:
     (tmp_path / "control.c").write_text(CONTROL, encoding="ascii")
     library, compiler = tmp_path / "control.so", compilers()[0]
     subprocess.run([compiler, "-shared", "-fPIC", tmp_path / "control.c", "-o", library, "-lm"], check=True)
-    options = Options(native=native, flags=("-O1",), level="" if native else supported()[-1])
+    options = Options(native=native, flags=("-O1",), levels=() if native else (supported()[-1],))
     generate(eomgen.load_robot("one_link"), tmp_path, options)
     command = [sys.executable, "-c", IMPORTED, str(library), str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
