@@ -29,7 +29,7 @@ from eomgen.bench.beside import processor_name
 from eomgen.identification import calibrate
 from eomgen.identification.geometry.stations import chain_of, located
 from eomgen.motion.turns import rotation_of
-from eomgen.runtime.inverse_kinematics.rotations import rpy_of
+from eomgen.kernel.inverse_kinematics.rotations import rpy_of
 
 from .peers.cases import case
 

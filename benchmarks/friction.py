@@ -27,7 +27,7 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InternalError
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Friction, Robot
-from eomgen.runtime.stepping.input_signals import DriveData, Signal, Track
+from eomgen.kernel.stepping.input_signals import DriveData, Signal, Track
 
 from .bars import Bar, conclusion
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.runtime.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
+from eomgen.kernel.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
 
 STAGES = 6  # EXPLICIT_STAGES and ROSENBROCK_STAGES of clib/methods.h, for which workspaces have room
 KINDS = {EXPLICIT: "EXPLICIT_KIND", ROSENBROCK: "ROSENBROCK_KIND"}

@@ -44,7 +44,7 @@ NATIVE = ("-march=native", "-ffp-contract=fast")
 LONG = 1500  # values of a program; compilers that look for vectors in so many lines find ones that wait for their parts
 NO_VECTORS = "-fno-tree-slp-vectorize"
 # Files of eomgen that are copied to their places in a package, beside those of the C library that its C includes
-CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*/*.py")
+CARRIED = ("errors.py", "names.py", "runtime/*.py")
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")

@@ -602,7 +602,7 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Pa
     assert parts["interface"] == compiling.interface()
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
     assert parts["carried"] == {name: sha256(package / name) for name in compiling.carried_files()}
-    assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
+    assert {"errors.py", "names.py", "kernel/complete.py"} < set(parts["carried"])
     made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}
     made[compiling.PACKAGE] = package / "templates" / compiling.PACKAGE
     assert parts["package"] == {name: sha256(path) for name, path in made.items()}

@@ -32,8 +32,8 @@ from eomgen.pipeline.generating import generate
 from eomgen.pipeline.library_objects import KIND, LibraryObjects
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
+from eomgen.runtime.bound import frame_number
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
-from eomgen.runtime.methods.bound import frame_number
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import (
     QUICK,

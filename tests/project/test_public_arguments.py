@@ -18,9 +18,8 @@ from eomgen.identification.choosing.information import CRITERIA as POSE_CRITERIA
 from eomgen.identification.choosing.proposals import MEASURES
 from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATION_CRITERIA
 from eomgen.identification.geometry.solve import LOSSES
-from eomgen.robot import Limits
-from eomgen.runtime.kinematics import REFERENCES
-from eomgen.runtime.stepping.methods import (
+from eomgen.kernel.kinematics import REFERENCES
+from eomgen.kernel.stepping.methods import (
     ADAPTIVE,
     AUTO,
     EXPLICIT_METHODS,
@@ -30,6 +29,7 @@ from eomgen.runtime.stepping.methods import (
     SCIPY_IMPLICIT,
     SUNDIALS,
 )
+from eomgen.robot import Limits
 from tests.support.refusals import refused
 
 ROOT = Path(__file__).parents[2]

@@ -15,8 +15,8 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
+from eomgen.kernel.derivatives.in_time import MOTION
 from eomgen.pipeline.options import Options
-from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
 from tests.runtime.test_direct import in_python
 from tests.runtime.test_state_laws import ARM

@@ -22,7 +22,7 @@ from eomgen.pipeline.options import Options
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Frame, Placement
 from eomgen.runtime.levels import BASE
-from eomgen.runtime.methods.wrenches import wrench_rows
+from eomgen.runtime.wrenches import wrench_rows
 from eomgen.state import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.unpruned import brute_force

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..control.discrete_steps import DiscreteStep, literal
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..pipeline import cache as store
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import frame_number
+from ..runtime.bound import frame_number
 from .mappings import DifferentiableFunction
 
 

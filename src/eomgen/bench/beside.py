@@ -25,6 +25,7 @@ from ..arrays import Array
 from ..codegen.kernels.groups import ASSEMBLY, INERTIA, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
+from ..kernel.complete import Kernel
 from ..names import component_name, listed
 from ..pipeline.building import build
 from ..pipeline.options import Options
@@ -32,7 +33,6 @@ from ..pipeline.stages import tools_for
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
 from ..robot.value import MOTOR, Robot
-from ..runtime.kernel import Kernel
 from ..runtime.raw import RawFunction
 from .clock import FRAME, Timed
 from .textbook import COUNTERPARTS, Yardstick, compile_yardstick, unknown_to_textbook

@@ -26,6 +26,7 @@ from ..codegen.kernels.groups import (
 )
 from ..description import RobotLike
 from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..kernel.complete import Kernel
 from ..limits import LARGEST, MOST_COUNTED, is_usable
 from ..names import component_name, nearest_or_all, show, word_in
 from ..pipeline.building import build
@@ -33,7 +34,6 @@ from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
 from ..runtime.arrays import joint_lead, names_in, numbers_in
-from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
 from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates
 from .filter_steps import Acting, FilterSteps, Slopes, names_linear_laws

@@ -37,6 +37,7 @@ from ..codegen.kernels.groups import (
 )
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError, check_kind
+from ..kernel.complete import Kernel
 from ..limits import is_usable
 from ..names import listed, nearest_or_all, show, word_in
 from ..pipeline import Options, build, generate
@@ -44,7 +45,6 @@ from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Robot
 from ..runtime.arrays import flag, joint_lead, numbers_in
-from ..runtime.kernel import Kernel
 from .independent import Independent
 
 KERNELS = MOMENTUM_OBSERVER

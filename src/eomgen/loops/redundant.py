@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import independent_columns, rank_by
 from ..errors import InputError, check_kind
-from ..runtime.kernel import Kernel
+from ..kernel.complete import Kernel
 from ..shown import Shown
 from ..state.vectors import prescribed_mask, state_vector
 

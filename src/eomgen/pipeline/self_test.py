@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from ..codegen.c.expected import FAILS, PASSES, STATES, read_expected
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
+from ..kernel.stepping.methods import ADAPTIVE as METHODS_IN_C
+from ..kernel.stepping.options import rollout_of
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
-from ..runtime.stepping.methods import ADAPTIVE as METHODS_IN_C
-from ..runtime.stepping.methods import FIXED
-from ..runtime.stepping.options import rollout_of
+from ..runtime.rollouts import FIXED
 from . import cache as store
 from .load import tried_module
 

@@ -25,7 +25,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.robot.coordinates import MODE
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.methods.bound import frame_number
+from eomgen.runtime.bound import frame_number
 from eomgen.runtime.raw import RawFunction
 from tests.support.bristles import servo_arm
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, package_of, program, run

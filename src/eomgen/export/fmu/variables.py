@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from eomgen.kernel.stepping.options import LEAST
 from eomgen.names import joint_of, parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
@@ -21,7 +22,6 @@ from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, leasts, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, Robot
-from eomgen.runtime.stepping.options import LEAST
 
 BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},
