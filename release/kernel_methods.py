@@ -48,9 +48,9 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from ..raw import Array
-from .bound import BoundFunctions, kernel_method
-from .wrenches import WrenchLike
+from ..runtime.bound import BoundFunctions, kernel_method
+from ..runtime.raw import Array
+from ..runtime.wrenches import WrenchLike
 '''
 
 

@@ -163,12 +163,6 @@ class EomgenWarning(UserWarning):
     """Something to know about, although it works: an inertia that no body can have, an old name of an argument."""
 
 
-def check_kind(label: str, value: object, fits: bool, allowed: str) -> None:
-    """Raise an InputError that names an argument, the type of its value and what is allowed, where it does not fit."""
-    if not fits:
-        raise InputError(f"{label}: got a value of type {type(value).__name__}; allowed: {allowed}")
-
-
 def renamed(**keywords: str) -> Callable[[Callable[Parameters, Returned]], Callable[Parameters, Returned]]:
     """Return a decorator that lets a function or a method take arguments by the keywords that they had before.
 

@@ -19,7 +19,7 @@ from eomgen.cli import entry as cli
 from eomgen.codegen.c.source import Source
 from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import InputError
-from eomgen.names import is_identifier, is_robot_name
+from eomgen.identifiers import is_identifier, is_robot_name
 from eomgen.pictures.shapes import mesh_path, urdf_shapes
 from eomgen.pipeline.generating import generate
 from eomgen.robot.value import Robot

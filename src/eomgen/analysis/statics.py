@@ -15,8 +15,9 @@ from ..codegen.kernels.groups import FRAME_POSES, JOINT_REACTIONS, kernel_group
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike
 from ..description.matrix_files import read_matrix
-from ..errors import InputError, LoopError, UnknownNameError, check_kind
+from ..errors import InputError, LoopError, UnknownNameError
 from ..files import check_ending, write_atomically, write_csv
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
 from ..pipeline.building import build

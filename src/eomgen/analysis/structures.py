@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..codegen.kernels.groups import JOINT_REACTIONS, RIGID_MODEL, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
 from ..kernel.stepping.methods import Method
 from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses

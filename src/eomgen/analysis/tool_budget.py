@@ -15,7 +15,8 @@ import numpy as np
 from ..arrays import RANK, Array
 from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels

@@ -25,10 +25,11 @@ from ..codegen.kernels.groups import (
     kernel_group,
 )
 from ..description import RobotLike
-from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..errors import InputError, IntegrationError, LoopError, UnknownNameError
+from ..identifiers import check_kind, word_in
 from ..kernel.complete import Kernel
 from ..limits import LARGEST, MOST_COUNTED, is_usable
-from ..names import component_name, nearest_or_all, show, word_in
+from ..names import component_name, nearest_or_all, show
 from ..pipeline.building import build
 from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts

@@ -14,10 +14,11 @@ from .._version import __version__
 from ..arrays import Array
 from ..codegen.kernels.groups import SENSORS
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
+from ..identifiers import check_kind, word_in
 from ..kernel.complete import Kernel
 from ..limits import is_usable
-from ..names import nearest, nearest_or_all, show, word_in
+from ..names import nearest, nearest_or_all, show
 from ..robot.fields import Picklable
 from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from ..names import NAME_LENGTH, component_name, show
+from ..identifiers import NAME_LENGTH
+from ..names import component_name, show
 from ..robot.value import BASE, COORDINATES, Coordinate, Joint
 from .draft import Draft
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import EomgenError, InputError, check_kind
+from ..errors import EomgenError, InputError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.stepping.methods import AUTO, IN_C, METHODS, RADAU, SUNDIALS
 from ..kernel.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of

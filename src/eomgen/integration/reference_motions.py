@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, IntegrationStopped, check_kind
+from ..errors import InputError, IntegrationStopped
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..names import component_name, listed
 from ..robot.coordinates import index_of, rotating_joints, unit_of

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, check_kind
+from ..errors import ArrayError
+from ..identifiers import check_kind
 from ..kernel.by_name import follower_matrix
 from ..kernel.complete import Kernel
 from ..names import component_name

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, IntegrationStopped, check_kind
+from ..errors import InputError, IntegrationStopped
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.stepping.methods import SUNDIALS, Method
 from ..kernel.stepping.options import ErrorControl

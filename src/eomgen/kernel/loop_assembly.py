@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, UnknownNameError
-from ..names import joint_of, kind_of, listed, parameter_name, parameter_path, show
+from ..identifiers import parameter_path
+from ..names import joint_of, kind_of, listed, parameter_name, show
 from ..runtime.arrays import joint_lead, names_in, place_of
 from ..runtime.calls import Calls
 from ..runtime.loop_errors import left_open

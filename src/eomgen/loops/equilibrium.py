@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import RANK, Array, Mask
-from ..errors import IntegrationError, check_kind
+from ..errors import IntegrationError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.turning import singular_joints
 from ..robot.sizes import REFERENCE_ACCELERATION

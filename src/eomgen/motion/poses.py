@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.inverse_kinematics.kernel_method import limits_of_all, reach_all, starting_states, targets_of, tool_frame
 from ..robot.mechanism import leading_home

@@ -10,8 +10,8 @@ from typing import Any, Literal, cast
 from .._version import __version__
 from ..codegen.kernels.signatures import available
 from ..description import RobotLike
+from ..identifiers import word_in
 from ..kernel.complete import Kernel
-from ..names import word_in
 from ..progress import StageReport, no_report, told_at_prompt
 from ..robot.value import Robot
 from ..runtime.levels import LEVELS, allowed_levels

@@ -15,7 +15,7 @@ from ..codegen.kernels.signatures import OWN_KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
-from ..names import plain_path
+from ..identifiers import plain_path
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.value import Robot
 from ..runtime.levels import best_level

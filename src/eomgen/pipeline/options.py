@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS
 from ..errors import InputError
-from ..names import show, word_in
+from ..identifiers import word_in
+from ..names import show
 from ..runtime.levels import BASE, LEVELS
 
 ALL = "all"  # stands for all kernels but derivatives, and for all levels

@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import Any, NoReturn
 
 from ..errors import DescriptionError
-from ..names import nearest, parameter_name, parameter_path, show
+from ..identifiers import parameter_path
+from ..names import nearest, parameter_name, show
 from .coordinates import MODE
 from .elements import JOINT_ELEMENTS, KINDS, Spring
 from .internal_states.bristles import FADING, PASSIVITY

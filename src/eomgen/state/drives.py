@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import IntegrationError, check_kind
+from ..errors import IntegrationError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.kernel_methods import KernelFunctions
 from ..names import split_state

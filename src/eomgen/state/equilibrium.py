@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
+from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.singular import inertias

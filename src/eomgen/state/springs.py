@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import Array
-from ..errors import check_kind
+from ..identifiers import check_kind
 from ..kernel.by_name import follower_matrix
 from ..kernel.complete import Kernel
 from ..robot import sizes

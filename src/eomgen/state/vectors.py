@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, check_kind
+from ..errors import ArrayError
+from ..identifiers import are_names, check_kind
 from ..kernel.complete import Kernel
-from ..names import are_names
 from ..runtime.arrays import numbers_in
 from ..runtime.wrenches import WrenchLike
 

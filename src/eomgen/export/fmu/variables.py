@@ -12,8 +12,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from eomgen.identifiers import parameter_path
 from eomgen.kernel.stepping.options import LEAST
-from eomgen.names import joint_of, parameter_name, parameter_path
+from eomgen.names import joint_of, parameter_name
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
 from eomgen.robot.internal_states.drives import input_of

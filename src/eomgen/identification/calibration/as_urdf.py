@@ -18,8 +18,8 @@ from ...description.xml_text import parse_xml
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
+from ...identifiers import unique_identifiers
 from ...kernel.inverse_kinematics.rotations import rpy_of
-from ...names import unique_identifiers
 from ...robot.bounds import Limits
 from ...robot.joint_types import JOINT_TYPES, OWN_COORDINATES
 from ...robot.value import Coordinate, Joint, Robot
