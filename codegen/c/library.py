@@ -27,17 +27,20 @@ def included_files(*codes: str) -> dict[str, str]:
     files, found = library_files(), dict[str, str]()
 
     def follow(text: str, known: set[str], folder: str) -> None:
-        taken = [True]
+        taken, closed = [True], [False]  # closed: another part of the condition holds
         for line in re.sub(r"\\\n", " ", text).splitlines():
             if match := _DIRECTIVE.match(line):
                 word, rest = match.groups()
                 if word in ("if", "ifdef", "ifndef"):
                     condition = {"if": rest, "ifdef": f"defined({rest})", "ifndef": f"!defined({rest})"}[word]
-                    taken.append(taken[-1] and _may_hold(condition, known))
+                    holds = _holds(condition, known)
+                    taken.append(taken[-1] and holds is not False)
+                    closed.append(holds is True)
                 elif word == "endif":
                     taken.pop()
+                    closed.pop()
                 elif word in ("else", "elif"):
-                    taken[-1] = taken[-2]  # both ways: what holds there is not known
+                    taken[-1] = taken[-2] and not closed[-1]
                 elif taken[-1] and word == "define":
                     known.add(rest.split("(")[0].split()[0])
                 elif taken[-1] and (place := f"{folder}{rest[1:-1]}") in files:
@@ -49,14 +52,19 @@ def included_files(*codes: str) -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
-def _may_hold(condition: str, known: set[str]) -> bool:
-    """Whether a condition of the preprocessor may hold where some macros are defined: sums of products of these."""
+def _holds(condition: str, known: set[str]) -> bool | None:
+    """Whether a condition of the preprocessor holds where some macros are defined; None where they do not decide it."""
 
-    def holds(term: str) -> bool:
+    def defined(term: str) -> bool | None:
         match = re.fullmatch(r"(!?)defined\((\w+)\)", term.strip())
-        return match is None or (match[2] in known) != bool(match[1])
+        return None if match is None else (match[2] in known) != bool(match[1])
 
-    return any(all(map(holds, part.split("&&"))) for part in condition.partition("/*")[0].split("||"))
+    condition = condition.partition("/*")[0]
+    if "||" not in condition:
+        values = [defined(term) for term in condition.split("&&")]
+        return False if False in values else None if None in values else True
+    values = [defined(term) for term in condition.split("||")]
+    return True if True in values else None if None in values else False
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,6 +19,8 @@ from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
 from .contexts import kept_of_a_step, statuses
 from .lanes import functions_of_libraries
 from .operation_counts import operations
+
+WIDTH = 120  # of lines
 
 
 def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, Any]:
@@ -36,6 +39,18 @@ def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, 
         **({"inertial": inertial_parameters(model)} if "regressor" in _written(equations.kernels) else {}),
         **({"redundant": is_redundant(model)} if "settling" in _written(equations.programs) else {}),
     }
+
+
+def json_text(value: Any, indent: int = 0, before: int = 0) -> str:
+    """Return JSON in which everything that fits on a line stands on one."""
+    flat = json.dumps(value)
+    if len(flat) + indent + before < WIDTH or not isinstance(value, (dict, list)):
+        return flat
+    margin, (begin, end) = " " * (indent + 1), "{}" if isinstance(value, dict) else "[]"
+    keys = [f"{json.dumps(key)}: " for key in value] if isinstance(value, dict) else [""] * len(value)
+    values = value.values() if isinstance(value, dict) else value
+    lines = [f"{margin}{key}{json_text(x, indent + 1, len(key))}" for key, x in zip(keys, values, strict=True)]
+    return f"{begin}\n" + ",\n".join(lines) + f"\n{margin[1:]}{end}"
 
 
 def _written(names: Iterable[str]) -> set[str]:

@@ -5,7 +5,6 @@ Every program is written twice: on numbers, and on vectors with one state in eve
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
 from .library import library_types
-from .metadata import kernel_metadata
+from .metadata import json_text, kernel_metadata
 from .source import Source, environment
 
 DECLARATIONS = "kernel/declarations.jinja"
@@ -34,7 +33,7 @@ def render(equations: Equations, *, batches: bool = True) -> Source:
         half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
     }
     lengths = [len(program.instructions) for program in equations.programs.values()]
-    text = json.dumps(meta, indent=1) + "\n"
+    text = json_text(meta) + "\n"
     cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
     return Source(equations.model.name, header, code, batch_code, cdef, text, sum(lengths), longest, cdefs)
 
