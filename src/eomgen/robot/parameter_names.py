@@ -23,8 +23,8 @@ FORMS = (
     " damping, armature), joints.JOINT.offset[.x] (or pitch, placement.xyz[.0], placement.rpy[.0], stiffness.x.beta,"
     " damping.x.beta, damping.linear, motor.inertia, motor.ratio), frames.FRAME.placement.xyz[.0] (or rpy),"
     " loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x] (or placements[.0.xyz.0]),"
-    " couplings.COUPLING.ratio[.JOINT.COORDINATE] (or stiffness, damping, offset), springs.SPRING.stiffness (or damping,"
-    " free_length, points[.0.x]), "
+    " couplings.COUPLING.ratio[.JOINT.COORDINATE] (or stiffness, damping, offset), springs.SPRING.stiffness (or"
+    " damping, free_length, points[.0.x]), "
     + ", ".join(f"{table}.{x.KIND.upper()}.{next(iter(x.NUMBERS))}" for table, x in KINDS.items() if x is not Spring)
     + "; * stands for any one component"
 )
