@@ -68,16 +68,6 @@ def _holds(condition: str, known: set[str]) -> bool | None:
 
 
 @cache
-def public_headers() -> tuple[str, ...]:
-    """List eom.h and what it includes: all that a robot's header needs of the library."""
-    files, wanted = library_files(), [f"{FOLDER}/eom.h"]
-    for place in wanted:
-        included = re.findall(r'^#include "(.+)"$', files[place], flags=re.MULTILINE)
-        wanted += [f"{FOLDER}/{name}" for name in dict.fromkeys(included) if f"{FOLDER}/{name}" not in wanted]
-    return tuple(wanted)
-
-
-@cache
 def library_types(dtype: str) -> str:
     """Declare the library's types in one precision, "float64" or "float32", without preprocessor and comments."""
     return _declared(dtype, _TYPES)

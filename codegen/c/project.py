@@ -13,8 +13,8 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import Function, functions, signature_table
-from .library import public_headers
+from ..kernels.signatures import BATCHES, Function, functions, signature_table
+from .library import included_files
 from .scalar_types import SCALARS
 from .source import environment
 
@@ -37,11 +37,13 @@ TAKEN = frozenset(
 )
 
 
-def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, str]:
+def project_files(meta: Mapping[str, Any], header: str, flags: Sequence[str]) -> dict[str, str]:
     """Return names and texts of files that make a generated package a C and C++ project, beside its .h and .c.
 
     Args:
         meta: of ``metadata``, as in the package's .json.
+        header: text of the package's .h.
+        flags: of the compiler.
     """
     name = meta["name"]
     level = next((flag for flag in reversed(flags) if flag in LEVELS), "-O2")
@@ -51,7 +53,8 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "numeric_version": _numeric(__version__),
         "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
         "level": level,
-        "library_headers": public_headers(),
+        "codes": [f"{name}.c", f"{name}_batch.c"] if BATCHES in meta["halves"] else [f"{name}.c"],
+        "library_headers": list(included_files(header)),
     }
     templates = {
         "CMakeLists.txt": "package/CMakeLists.txt.jinja",

@@ -31,7 +31,7 @@ from eomgen._version import __version__
 from eomgen.errors import BuildError
 from eomgen.runtime.levels import BASE
 
-from ..c.library import LINKED, SETUP_ONLY, included_files
+from ..c.library import LINKED, SETUP_ONLY, included_files, library_files
 from ..c.source import Source, environment
 from ..kernels.signatures import SINGLES
 from .environment import check_flags, environment_words, expanded
@@ -182,10 +182,11 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
 
 @cache
 def _hashes() -> dict[str, dict[str, str]]:
-    """Hash, by name, the files that make a package, and those that it carries; read once."""
+    """Hash, by name, the files that make a package, those that it carries, and the C library's; read once."""
     template = Path(str(importlib.resources.files("eomgen.templates"))) / PACKAGE
     makers = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
-    kinds = {"package": makers, "carried": carried_files()}
+    library = {place: _root() / place for place in library_files()}
+    kinds = {"package": makers, "carried": carried_files(), "library": library}
     return {
         kind: {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
         for kind, files in kinds.items()

@@ -186,17 +186,17 @@ def plain(robot: Robot) -> Robot:
 
 def skeleton(source: Source) -> Iterator[str]:
     """What is left of the texts without words and blanks."""
-    for text in (source.header, source.code, source.cdef, source.meta):
+    for text in (source.header, *source.codes.values(), source.cdef, source.meta):
         assert text.isascii()
         assert set(filter(lambda letter: not letter.isprintable(), text)) <= {"\n"}
         yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", text))
 
 
 def compiles(source: Source, folder: Path, *flags: str) -> None:
-    write_source(source, folder)
-    command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", f"{source.name}.c", "-o", os.devnull]
-    found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    assert (found.returncode, found.stderr) == (0, "")
+    for code in write_source(source, folder):
+        command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", code.name, "-o", os.devnull]
+        found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert (found.returncode, found.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("count", [PER_ROBOT, pytest.param(NAMES, marks=pytest.mark.soak)])

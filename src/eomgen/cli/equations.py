@@ -108,10 +108,9 @@ def _generate(options: argparse.Namespace) -> None:
     with stage_bar("generating") as report:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
-            return
-        wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report}
-        target = generate(robot, options.output, chosen, **wanted, progress=report)
-    say(str(target))
+        else:
+            wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report}
+            say(str(generate(robot, options.output, chosen, **wanted, progress=report)))
     if not chosen.kernels:
         left = ", ".join(left_out(robot))
         say(f"note: without {left} and derivatives; --kernels takes their names, or all (but derivatives)", sys.stderr)

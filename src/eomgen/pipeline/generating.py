@@ -139,8 +139,8 @@ def _write_project(package: Path, name: str, options: Options, ros2: bool) -> No
     from ..codegen.c.ros2 import ros2_files
     from ..codegen.package.compile import kernel_flags
 
-    meta = json.loads((package / f"{name}.json").read_text(encoding="ascii"))
-    for file, text in project_files(meta, (*kernel_flags(options.native), *options.flags)).items():
+    meta, header = json.loads((package / f"{name}.json").read_bytes()), (package / f"{name}.h").read_text("ascii")
+    for file, text in project_files(meta, header, (*kernel_flags(options.native), *options.flags)).items():
         (package / file).write_text(text, encoding="ascii")
     for file, text in ros2_files(meta).items() if ros2 else ():
         place = package / "ros2" / file

@@ -529,7 +529,7 @@ def test_identifiers_are_different() -> None:
 def test_flags_of_the_project() -> None:
     """Those of the kernel, in their order, with the last optimisation level alone."""
     meta = json.loads((Path(__file__).parents[3] / "generated/one_link/one_link.json").read_text(encoding="ascii"))
-    lists = project_files(meta, ("-O2", "-fno-math-errno", "-mllvm", "-x y", "-O1"))["CMakeLists.txt"]
+    lists = project_files(meta, "", ("-O2", "-fno-math-errno", "-mllvm", "-x y", "-O1"))["CMakeLists.txt"]
     assert "\"SHELL:-fno-fast-math -fno-math-errno -mllvm '-x y'\"\n        $<$<NOT:$<CONFIG:Debug>>:-O1>)" in lists
     assert quoted('a"b\\c$d') == '"a\\"b\\\\c\\$d"'
 
@@ -539,7 +539,7 @@ def test_large_arrays_are_not_returned_by_value(tmp_path: Path) -> None:
     package = package_of(eomgen.load_robot("one_link"), tmp_path, "mass_matrix", "forward_dynamics")
     meta, size = json.loads((package / "one_link.json").read_text(encoding="ascii")), project.BY_VALUE + 1
     meta["shapes"][meta["kernels"]["mass_matrix"]["writes"]] = (1, size)
-    (package / "one_link.hpp").write_text(project_files(meta, ())["one_link.hpp"], encoding="ascii")
+    (package / "one_link.hpp").write_text(project_files(meta, "", ())["one_link.hpp"], encoding="ascii")
     path = tmp_path / "main.cpp"
     line = (
         f"void f(const eomgen::one_link::Setup &s, std::array<double, {size}> M)"

@@ -16,11 +16,13 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
+from eomgen.codegen.c.library import included_files
+from eomgen.codegen.kernels.signatures import BATCHES, SINGLES
 from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_files
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
-from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
+from tests.support.c_project import COMPILERS, WARNINGS, eigen_prefix, need, run, search_path
 
 pytestmark = pytest.mark.quick
 
@@ -287,6 +289,43 @@ def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) ->
     assert set(seen) <= set(" ".join(re.findall(r"foreach\(header (.*?)\)", project)).split())
 
 
+STEPS_ALONE = ("adaptive_steps.h", "input_forces.h", "sensitivities.h")
+
+
+@pytest.mark.parametrize(
+    ("kernels", "more"),
+    [
+        (("mass_matrix",), None),
+        (("rollout",), ()),
+        (("rollout", "adaptive_rollout"), STEPS_ALONE[:2]),
+        pytest.param(("rollout", "explicit_gradient"), STEPS_ALONE, marks=pytest.mark.soak),
+    ],
+    ids=lambda x: None,
+)
+def test_a_package_carries_those_files_that_its_c_includes(
+    kernels: tuple[str, ...], more: tuple[str, ...] | None, tmp_path: Path
+) -> None:
+    """It compiles from its own folder, into the functions of one state and into those of batches."""
+    need("gcc")
+    package = generate("one_link", tmp_path, Options(kernels, flags=("-O0",), levels=(BASE,)))
+    halves = json.loads((package / "one_link.json").read_text(encoding="ascii"))["halves"]
+    included, found = set[str](), dict[str, list[str]]()
+    for half, name in ((SINGLES, "one_link"), (BATCHES, "one_link_batch")):
+        run("gcc", "-c", *WARNINGS, "-std=c99", f"{name}.c", cwd=package)
+        found[half] = [line.split()[-2:] for line in run("nm", f"{name}.o", cwd=package).splitlines()]
+        public = {symbol for kind, symbol in found[half] if kind == "T"}
+        setup = {"one_link_setup"} if half == SINGLES else set()
+        assert public == {f"one_link_{x}" for x in halves[half]} | setup
+        included |= set(run("gcc", "-std=c99", "-MM", f"{name}.c", cwd=package).split())
+    carried = {path.relative_to(package).as_posix() for path in (package / "clib").iterdir()}
+    assert carried == {place for place in included if place.startswith("clib/")}
+    assert ("clib/fixed_steps.h" in carried) == (more is not None)
+    assert {name for name in STEPS_ALONE if f"clib/{name}" in carried} == {*(more or ())}
+    several = {half: [symbol for _, symbol in found[half] if "lanes" in symbol] for half in found}
+    assert several[BATCHES]
+    assert not several[SINGLES]
+
+
 def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
     """Neither the cached package nor a plain one holds any of it; the text is the same from one time to the next."""
     robot, options = eomgen.load_robot("one_link"), ALONE
@@ -322,14 +361,16 @@ def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: 
     package = generate(eomgen.load_robot("one_link"), tmp_path, ALONE, cmake=True)
     cmake = str(shutil.which("cmake", path=variables["PATH"]))
     run(cmake, "-S", package, "-B", tmp_path / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", env=variables)
-    (job,) = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))
-    command = shlex.split(job["command"])
-    assert "-ffast-math" in command
-    words = [word for word in command[1:] if word.startswith("-f")]
-    asked = [compiler, *words, "-dM", "-E", "-xc", "/dev/null"]  # clang warns that it was told both
-    macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
-    assert "__FAST_MATH__" not in macros
-    assert "#define __FINITE_MATH_ONLY__ 0" in macros
+    jobs = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))
+    assert [Path(job["file"]).name for job in jobs] == ["one_link.c", "one_link_batch.c"]
+    for job in jobs:
+        command = shlex.split(job["command"])
+        assert "-ffast-math" in command
+        words = [word for word in command[1:] if word.startswith("-f")]
+        asked = [compiler, *words, "-dM", "-E", "-xc", "/dev/null"]  # clang warns that it was told both
+        macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+        assert "__FAST_MATH__" not in macros
+        assert "#define __FINITE_MATH_ONLY__ 0" in macros
 
 
 def test_the_committed_sample_is_current(tmp_path: Path) -> None:
@@ -343,4 +384,6 @@ def test_the_committed_sample_is_current(tmp_path: Path) -> None:
         return {name: re.sub(r"SymPy [\w.]+ derived", "SymPy derived", text) for name, text in found.items()}
 
     assert texts(sample) == texts(made)
-    assert set(texts(sample)) == {*carried_files(), "__init__.py", "one_link.c", "one_link.h", "one_link.json"}
+    codes = ("one_link.c", "one_link_batch.c")
+    carried = {*carried_files(), *included_files(*(texts(sample)[file] for file in codes))}
+    assert set(texts(sample)) == {*carried, *codes, "__init__.py", "one_link.h", "one_link.json"}

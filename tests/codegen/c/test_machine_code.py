@@ -324,7 +324,7 @@ def test_a_sanitizer_sees_what_is_too_short(tmp_path: Path) -> None:
         source, tmp_path, compilers()[0], (*SANITIZERS["threads"], *PLAIN), "racing", ("THREADS=8",)
     )
     refused(AssertionError, "data race", run_driver, program, source)
-    refused(AssertionError, "", check_symbols, program.with_suffix(".o"), source)
+    refused(AssertionError, "", check_symbols, program.with_name("racing_one_link.o"), source)
 
 
 @pytest.mark.soak

@@ -90,7 +90,8 @@ def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     meta = kernel_metadata(equations)
     header = header_context(equations, meta, True)
     alone = {**header, **number_context(equations, meta)}
-    given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations)}}
+    code = {**alone, "opening": ""}
+    given = {"kernel.h": header, "opening.c": alone, "kernel.c": code, "batches.c": {**code, **lane_context(equations)}}
     for name, context in given.items():
         loader = environment().loader
         text = loader.get_source(environment(), f"kernel/{name}.jinja")[0]
@@ -134,9 +135,9 @@ def test_no_compiler_warns_of_vectors(name: str, flag: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
 def test_no_heap_and_no_static_state(name: str) -> None:
-    code = source_of_robot(name).code
-    assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
-    assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
+    for code in source_of_robot(name).codes.values():
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
+        assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
 
 
 def test_header_in_cpp(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ def test_text_says_where_it_is_from_and_nothing_of_when_or_who(tmp_path: Path) -
     path.write_text(builtin.read_text(encoding="utf-8"), encoding="utf-8")
     source = source_of(eomgen.load_robot(path))
     assert source == source_of(eomgen.load_robot("one_link"))
-    text = source.header + source.code + source.meta
+    text = source.header + source.code + source.batch_code + source.meta
     assert "my_secret_folder" not in text
     assert not re.search(r"\b20\d\d-\d\d|\d\d:\d\d", text)
     assert f"eomgen {eomgen.__version__}" in source.header
@@ -299,7 +300,7 @@ found = {}
 for name in sys.argv[1:]:
     for dtype in ("float64", "float32"):
         source = render(derive_equations(build_model(load_robot(name)), dtype=dtype))
-        text = chr(0).join((source.header, source.code, source.cdef, source.meta))
+        text = chr(0).join((source.header, source.code, source.batch_code, source.cdef, source.meta))
         found[f"{name} {dtype}"] = hashlib.sha256(text.encode()).hexdigest()
 print(json.dumps(found))
 """
@@ -377,6 +378,7 @@ def compile_all(source: Source, folder: Path, ways: Iterable[tuple[str, Sequence
     """Compile by compilers that are here, without a warning, and look at the symbols."""
     for compiler, flags in ways:
         if shutil.which(compiler):
-            out = folder / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", folder / f"{source.name}.c", "-o", out)
-            check_symbols(out, source)
+            for file in source.codes:
+                out = folder / f"{compiler}_{file}.o"
+                compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", folder / file, "-o", out)
+                check_symbols(out, source)
