@@ -21,6 +21,7 @@ from eomgen.pipeline import Options
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "realtime.md"
+SANITIZERS = "address,undefined"
 SECONDS = 60  # of each run that is measured
 BUSY = "while True: pass"
 PERCENTILES = "median / 99 % / 99.9 % / most"
@@ -49,7 +50,7 @@ def cmake() -> str:
 def built(out: Path, *, sanitizers: str = "", source: Path = HERE) -> Path:
     """Configure and compile; return the program.
 
-    out: folder for what is made.  sanitizers: of the compiler, "address,undefined".  source: of CMakeLists.txt.
+    out: folder for what is made.  sanitizers: of the compiler, SANITIZERS.  source: of CMakeLists.txt.
     """
     folder = out / ("sanitized" if sanitizers else "build")
     given = (f"-DGENERATED={(out / 'generated').resolve()}", f"-DSANITIZERS={sanitizers}")
@@ -97,7 +98,7 @@ def main() -> int:
     parser.add_argument("arguments", nargs="*", help="of the program, behind --")
     options = parser.parse_args()
     generated(options.output / "generated")
-    program = built(options.output, sanitizers="address,undefined" if options.sanitize else "")
+    program = built(options.output, sanitizers=SANITIZERS if options.sanitize else "")
     if not options.write:
         return subprocess.run([str(program), *options.arguments], check=False).returncode
     text = PAGE.read_text(encoding="utf-8")

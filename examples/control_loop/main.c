@@ -165,11 +165,26 @@ static int judged(const char *what, double error, double allowed, const char *un
     return error <= allowed;
 }
 
+/* Print what a run found, and write its log.  Returns whether all is as it should be. */
+static int reported(record *run, const options *chosen)
+{
+    if (run->times != NULL) { print_times(run); }
+    int is_good = judged("tracking error of the links", run->tracking, allowed_tracking, "mrad");
+    is_good = judged("error of their estimated angles", run->estimation, allowed_estimation, "mrad") && is_good;
+    is_good = judged("error of their estimated velocities", run->velocity, allowed_velocity, "mrad/s") && is_good;
+    if ((run->rows != NULL) && (write_log(run, chosen->log) == 0)) {
+        printf("%s cannot be written\n", chosen->log);
+        is_good = 0;
+    }
+    return is_good;
+}
+
 int main(int count, char **words)
 {
     options chosen;
     record run = { 0 };
     double y[JOINTS];
+    int is_good = 0;
     if (parse(count, words, &chosen) == 0) {
         fputs("usage: control_loop [--seconds S] [--log FILE] [--realtime] [--priority P]\n", stderr);
         return 2;
@@ -184,15 +199,8 @@ int main(int count, char **words)
     const char *const failed = (controller_start(&law, y) != 0) ? "the beginning" : loop(&run);
     if (failed != NULL) {
         printf("%s failed at sample %ld\n", failed, law.sample);
-        return 1;
-    }
-    if (chosen.is_realtime) { print_times(&run); }
-    int is_good = judged("tracking error of the links", run.tracking, allowed_tracking, "mrad");
-    is_good = judged("error of their estimated angles", run.estimation, allowed_estimation, "mrad") && is_good;
-    is_good = judged("error of their estimated velocities", run.velocity, allowed_velocity, "mrad/s") && is_good;
-    if ((chosen.log != NULL) && (write_log(&run, chosen.log) == 0)) {
-        printf("%s cannot be written\n", chosen.log);
-        return 1;
+    } else {
+        is_good = reported(&run, &chosen);
     }
     free(run.rows);
     free(run.times);
