@@ -64,11 +64,11 @@ def built(out: Path, *, sanitizers: str = "", source: Path = HERE) -> Path:
     return folder / "control_loop"
 
 
-def measured(program: Path, priority: int, *, is_busy: bool) -> list[str]:
-    """Return the cells of a run's row; ``is_busy``: as many other processes as processors compute meanwhile."""
+def measured(program: Path, priority: int) -> list[str]:
+    """Return the cells of a run's row, while as many other processes as processors compute."""
     words = [str(program), "--realtime", "--seconds", str(SECONDS), "--priority", str(priority)]
     with ExitStack() as stack:
-        for _ in range((os.cpu_count() or 1) if is_busy else 0):
+        for _ in range(os.cpu_count() or 1):
             stack.callback(stack.enter_context(subprocess.Popen([sys.executable, "-c", BUSY])).kill)
         text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     if "memory: locked" not in text or (priority and "scheduler: SCHED_FIFO" not in text):
@@ -76,17 +76,18 @@ def measured(program: Path, priority: int, *, is_busy: bool) -> list[str]:
     times = re.findall(r"^(?:wake-up late by|controller) +([\d.]+) +([\d.]+) +([\d.]+) +([\d.]+)$", text, re.MULTILINE)
     counts = re.findall(r"missed deadlines: (\d+); page faults: (\d+)", text)[0]
     scheduler = f"`SCHED_FIFO`, {priority}" if priority else "normal"
-    return [scheduler, "busy" if is_busy else "free", *(" / ".join(row) for row in times), *counts]
+    return [scheduler, *(" / ".join(row) for row in times), *counts]
 
 
 def figures(program: Path) -> str:
     """Return the figures of the page."""
-    head = ["scheduler", "processors", f"wake-up late by, us: {PERCENTILES}", f"controller, us: {PERCENTILES}"]
+    head = ["scheduler", f"wake-up late by, us: {PERCENTILES}", f"controller, us: {PERCENTILES}"]
     head += ["missed deadlines", "page faults"]
-    rows = [measured(program, priority, is_busy=is_busy) for priority in (80, 0) for is_busy in (False, True)]
-    table = [f"| {' | '.join(row)} |" for row in (head, ["---", "---", *["---:"] * 4], *rows)]
-    machine = f"{processor_name()}, {os.cpu_count()} processors; Linux {platform.release()}, {platform.version()}"
-    return "\n".join([*table, "", f"{SECONDS} s each; {machine}.", ""])
+    rows = [measured(program, priority) for priority in (80, 0)]
+    table = [f"| {' | '.join(row)} |" for row in (head, ["---", *["---:"] * 4], *rows)]
+    preemption = " ".join(re.findall(r"PREEMPT\w*", platform.version()))
+    kernel = f"Linux {platform.release().partition('-')[0]} {preemption}"
+    return "\n".join([*table, "", f"{SECONDS} s each; {processor_name()}, {os.cpu_count()} processors; {kernel}.", ""])
 
 
 def main() -> int:

@@ -23,7 +23,7 @@ typedef struct {
 typedef struct {
     long samples;
     double *rows;       /* NULL, or t, q and its estimate, torques: COLUMNS of each sample */
-    long long *times;   /* NULL, or ns of each sample: late by, controller, all of it */
+    long long *times;   /* NULL, or ns of all samples: how late, then of the controller, then of all */
     double tracking;    /* rad, the largest errors behind the time at which the arm has settled */
     double estimation;  /* rad */
     double velocity;    /* rad/s, of estimates */
