@@ -137,12 +137,12 @@ static void print_times(record *run)
     const long n = run->samples;
     long missed = 0;
     for (long k = 0; k < n; ++k) { missed += (double)(run->times[k] + run->times[2 * n + k]) > 1e9 * dt; }
-    printf("%-24s%9s%9s%9s%9s\n", "us", "median", "99 %", "99.9 %", "most");
+    printf("%-24s %9s %9s %9s %9s\n", "us", "median", "99 %", "99.9 %", "most");
     for (int kind = 0; kind < TIMES; ++kind) {
         long long *const times = &run->times[kind * n];
         qsort(times, (size_t)n, sizeof *times, by_size);
         printf("%-24s", names[kind]);
-        for (int i = 0; i < 4; ++i) { printf("%9.1f", 1e-3 * (double)times[lround(shares[i] * (double)(n - 1))]); }
+        for (int i = 0; i < 4; ++i) { printf(" %9.1f", 1e-3 * (double)times[lround(shares[i] * (double)(n - 1))]); }
         puts("");
     }
     printf("missed deadlines: %ld; page faults: %ld\n", missed, run->faults);
