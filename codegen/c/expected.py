@@ -201,8 +201,9 @@ def _contracted(of: _Reference, column: str) -> Answer:
 def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
     """Take the derivative along a direction of all inputs by central differences in double precision.
 
-    Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs.  Where rows
-    of constraints are redundant no random state fulfils them, and what the function returns there is not a derivative.
+    Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs; what the two
+    sides themselves are rounded off by, divided by their distance, is added.  Where rows of constraints are redundant
+    no random state fulfils them, and what the function returns there is not a derivative.
     """
     n = of.model.size  # of rates
     closing = next((x for x in calls if SIGNATURES[x].writes == "closing"), None)
@@ -211,17 +212,18 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     names = [name for name in ("q", "v", "z", "u", "forces") if name in of.states]
     moved = {name: np.asarray(of.states[name][0], np.float64) for name in names}
 
-    def difference(step: float) -> Array:
+    def difference(step: float) -> tuple[Array, Array]:
         ahead, back = (
             of.accelerations(calls, "float64", **{x: of.inputs[x] + s * d[:, np.newaxis] for x, d in moved.items()})
             for s in (step, -step)
         )
-        return np.asarray((ahead["out"] - back["out"]) / (2.0 * step))
+        return np.asarray((ahead["out"] - back["out"]) / (2.0 * step)), ahead["out"]
 
-    fine, coarse = difference(INCREMENT), difference(2.0 * INCREMENT)
+    (fine, ahead), (coarse, _) = difference(INCREMENT), difference(2.0 * INCREMENT)
     places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
     pivots = of.accelerations(calls, of.dtype).get("pivot")
     error = np.abs(fine - coarse)
+    error[:, :STATES] += _tolerances(ahead).T / (SAFETY * INCREMENT)
     if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
     return Answer(fine, pivots, error, places, np.concatenate(_columns(of.model, moved)))
