@@ -135,7 +135,7 @@ def hosted(
 
 
 def in_node(program: EveryFunction) -> Numbers:
-    """Compile to WebAssembly and run it by node; without batches, as exported modules are."""
+    """Compile to WebAssembly and run it by node."""
     from eomgen.export.wasm.compile import VECTORS, wasm_command
 
     script = program.code.with_name("run.mjs")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 
-from .signatures import available
+from .signatures import OWN_KERNELS, available
 
 # packages
 PACKAGE = (
@@ -16,6 +16,7 @@ PACKAGE = (
     *("forward_dynamics", "coriolis_matrix", "kinematics", "energy", "reactions", "rollout"),
     *("constraint_forces", "loop_reactions", "constraint", "constraint_jacobian", "cut_poses", "coupling_forces"),
 )
+ON_REQUEST = tuple(name for name in OWN_KERNELS if name not in PACKAGE)
 # mechanisms
 ASSEMBLY = ("constraint", "constraint_jacobian", "cut_poses")
 MECHANISM = ("following", "constraint_bias", "mass_matrix", "residual")

@@ -89,12 +89,13 @@ def test_generate_says_what_a_package_lacks(tmp_path: Path) -> None:
     words = ("generate", "one_link", "-o", tmp_path, "--levels", "v1")
     status, out, err = run(*words)
     assert (status, out.strip()) == (0, str(tmp_path / "one_link"))
-    left = err.removeprefix("note: without ").partition(" and derivatives; --kernels takes")[0].split(", ")
+    left = err.partition("note: without ")[2].partition(" and derivatives; --kernels takes")[0].split(", ")
     assert {"adaptive_rollout", "christoffel", "generalized_momentum"} <= set(left)
     header = tmp_path / "one_link" / "one_link.h"
     assert not any(f" one_link_{name}(" in header.read_text() for name in left)
     assert all(f" one_link_{name}(" in header.read_text() for name in ("mass_matrix", "reactions", "rollout"))
-    assert run(*words, "--kernels", "all") == (0, out, "")
+    status, again, err = run(*words, "--kernels", "all")
+    assert (status, again, "note" in err) == (0, out, False)
     assert all(f" one_link_{name}(" in header.read_text() for name in (*left, "mass_matrix", "rollout"))
 
 

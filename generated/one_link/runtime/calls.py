@@ -204,7 +204,13 @@ class Calls:
 
     def refuse_z(self, z: ArrayLike | None) -> None:
         """Raise InputError if there are entries of z where no force law has internal states."""
-        if not (z is None or self.internal_states) and np.size(z):
+        if z is None or self.internal_states:
+            return
+        try:
+            given = np.size(z)
+        except ValueError:  # rows of several lengths
+            given = 1
+        if given:
             raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
 
     def takes_z(self, name: str) -> bool:

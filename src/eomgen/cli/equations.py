@@ -40,11 +40,10 @@ def _derive(options: argparse.Namespace) -> None:
 
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:
-    from ..codegen.kernels.groups import PACKAGE
-    from ..codegen.kernels.signatures import DTYPES, OWN_KERNELS
+    from ..codegen.kernels.groups import ON_REQUEST, PACKAGE
+    from ..codegen.kernels.signatures import DTYPES
     from ..runtime.levels import LEVELS
 
-    rest = [name for name in OWN_KERNELS if name not in PACKAGE]
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
@@ -75,8 +74,9 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"these kernels instead of {', '.join(PACKAGE)}; all: these, and {', '.join(rest)}; derivatives by name,"
-        " such as energy_adjoint: _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4",
+        help=f"these kernels instead of {', '.join(PACKAGE)}; all: these, and {', '.join(ON_REQUEST)};"
+        " derivatives by name, such as energy_adjoint: _tangent, _adjoint, _hessian, _parameter_tangent,"
+        " _parameter_adjoint, _jet1 to _jet4",
     )
 
 

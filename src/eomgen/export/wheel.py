@@ -50,9 +50,9 @@ def export_wheel(
     """
     folder = as_path(folder, "folder")
     robot, options = as_robot(robot), options or Options()
-    options = options if options.levels or options.native else replace(options, levels=(ALL,))
     if options.native:
-        raise InputError("native: a wheel is for other machines; allowed: a level, or all of them")
+        raise InputError("native: a wheel is for other machines; allowed: levels, or all of them")
+    options = options if options.levels else replace(options, levels=(ALL,))
     with tempfile.TemporaryDirectory(prefix="eomgen-") as place:
         package = generate(robot, place, options, progress=progress)
         files = {

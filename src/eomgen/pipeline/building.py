@@ -37,8 +37,8 @@ def build(
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives.  Without
-            names each kernel is built when it is first called.
+        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives, gravity
+            and others that are built by name alone.  Without names each kernel is built when it is first called.
         dtype, native, flags: see Options.
         level: x86-64 level to compile for, see Options; the best that runs here by default.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees

@@ -86,9 +86,11 @@ def generate(
 
 
 def package_options(robot: RobotLike, options: Options | None = None) -> Options:
-    """Return options with the kernels of PACKAGE that a robot has where they name none."""
+    """Return options with the kernels that a robot's package has: of PACKAGE without names, and for "all" every one."""
     options = options or Options()
-    return options if options.kernels else replace(options, kernels=kernel_group(as_robot(robot), PACKAGE))
+    named = [name for name in options.kernels if name != ALL]
+    group = PACKAGE if not options.kernels else OWN_KERNELS if ALL in options.kernels else ()
+    return replace(options, kernels=tuple(dict.fromkeys((*kernel_group(as_robot(robot), group), *named))))
 
 
 def left_out(robot: Robot) -> tuple[str, ...]:

@@ -48,7 +48,7 @@ class Options:
 
     def __post_init__(self) -> None:
         known = f"{ALL}, {', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
-        kernels = _names("kernels", self.kernels, {ALL, *OWNERS}, known, "mass_matrix")
+        kernels = _names("kernels", self.kernels, {ALL, *OWNERS}, known, _NAMED[0])
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS.get(name, name) for name in kernels)))
         word_in("dtype", self.dtype, DTYPES)
         levels = _names("levels", self.levels, {ALL, *LEVELS}, f"{ALL}, {', '.join(LEVELS)}", BASE)
