@@ -20,7 +20,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.entries import JOINED, KernelTable
 from ..kernels.equations import Equations
 from ..kernels.interface import places_of_forces, turning_joints
-from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures_of
+from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures_of
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
@@ -70,6 +70,7 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "statuses": statuses(model),
         "closed": bool(model.constraints),
         "batches": batches,
+        "simd": BATCHES in meta["halves"],
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "internal_states": model.internal_states,

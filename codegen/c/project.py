@@ -13,7 +13,7 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import Function, functions, signature_table
+from ..kernels.signatures import BATCHES, Function, functions, signature_table
 from .library import public_headers
 from .scalar_types import SCALARS
 from .source import environment
@@ -52,6 +52,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
         "level": level,
         "library_headers": public_headers(),
+        "sources": [f"{name}.c", *([f"{name}_batch.c"] if BATCHES in meta["halves"] else [])],
     }
     templates = {
         "CMakeLists.txt": "package/CMakeLists.txt.jinja",

@@ -1,6 +1,6 @@
 """Equations -> Source: programs as C.  Python decides here, templates hold the C.
 
-Every program is written twice: on numbers, and on vectors with one state in every lane.
+Every program is written twice: on numbers, and on vectors with one state in every lane, unless there is to be no SIMD.
 """
 
 from __future__ import annotations
@@ -19,15 +19,21 @@ from .source import Source, environment
 DECLARATIONS = "kernel/declarations.jinja"
 
 
-def render(equations: Equations, *, batches: bool = True) -> Source:
-    """Render equations as C; ``batches``: with the functions for several states in one call."""
-    meta = kernel_metadata(equations, batches=batches)
+def render(equations: Equations, *, batches: bool = True, scalar: bool = False, libm: bool = False) -> Source:
+    """Render equations as C.
+
+    Args:
+        batches: with the functions for several states in one call.
+        scalar: without SIMD: these call the functions for one state, in the same file.
+        libm: sines and cosines of the C library.
+    """
+    meta = kernel_metadata(equations, batches=batches, scalar=scalar)
     names = header_context(equations, meta, batches)
-    context = {**names, **number_context(equations, meta)}
+    context = {**names, **number_context(equations, meta), "without_simd": scalar, "libm": libm}
     header = _fill("kernel/kernel.h.jinja", names)
     context["opening"] = _fill("kernel/opening.c.jinja", context)
     code, batch_code = _tidy(_fill("kernel/kernel.c.jinja", context)), ""
-    if batches:
+    if batches and not scalar:
         batch_code = _tidy(_fill("kernel/batches.c.jinja", {**context, **lane_context(equations)}))
     types = library_types(equations.dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
     cdefs = {
