@@ -74,6 +74,9 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contract", action="store_true", help="of that: products and sums may be one operation: other last bits"
     )
+    parser.add_argument(
+        "--samples", type=whole, default=0, metavar="N", help="with NAME_samples.c, which tests the C in N states"
+    )
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the derivation, .html or .tex")
     parser.add_argument(
         "--kernels",
@@ -112,10 +115,10 @@ def _generate(options: argparse.Namespace) -> None:
         scalar=options.scalar,
         libm=options.libm,
     )
-    if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
+    if options.wheel and (options.cmake or options.ros2 or options.native or options.report or options.samples):
         raise InputError(
-            "--wheel stands without --cmake, --ros2, --native and --report; allowed: with --dtype, --levels, --kernels,"
-            " --scalar, --libm"
+            "--wheel stands without --cmake, --ros2, --native, --report and --samples; allowed: with --dtype, --levels,"
+            " --kernels, --scalar, --libm"
         )
     if note := check_module_name(robot.name):
         say(f"note: {note}", sys.stderr)
@@ -123,7 +126,7 @@ def _generate(options: argparse.Namespace) -> None:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
             return
-        wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report}
+        wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report, "samples": options.samples}
         target = generate(robot, options.output, chosen, **wanted, progress=report)
     say(str(target))
     if not chosen.kernels:
@@ -137,7 +140,7 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.simt import export_simt
 
-    names = ("cmake", "ros2", "wheel", "native", "levels", "scalar", "libm", "report")
+    names = ("cmake", "ros2", "wheel", "native", "levels", "scalar", "libm", "samples", "report")
     if any(getattr(options, name) for name in names):
         without = ", ".join(f"--{name}" for name in names[:-1])
         raise InputError(
