@@ -27,6 +27,7 @@ from ..program.shares import GIVEN
 from ..tree.followers import coordinate_parents
 from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
+from .names import HEADINGS, entry_names, name_tables, status_texts
 from .scalar_types import SCALARS, Scalar
 from .statements import CHUNK
 from .tableaus import STAGES
@@ -68,6 +69,10 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "inputs_in_c": len(model.coordinates) + len(model.drives),
         "m": len(model.constraints),
         "statuses": statuses(model),
+        "status_texts": status_texts(model.coordinates, model.constraints),
+        "headings": HEADINGS,
+        "tables": [table for table in name_tables(meta) if table["names"]],
+        "defaults": [(x, SCALARS[equations.dtype].literal(value)) for x, value in meta["parameters"].items()],
         "closed": bool(model.constraints),
         "batches": batches,
         "simd": BATCHES in meta["halves"],
@@ -141,7 +146,15 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
     whole = [program for program in programs if program.name not in equations.shares]
     singular = f"singular({len(model.coordinates)}, pivot)"
     definitions = [
-        define(program, known[program.name], model.name, scalar, singular=singular, public=program.name in public)
+        define(
+            program,
+            known[program.name],
+            model.name,
+            scalar,
+            singular=singular,
+            public=program.name in public,
+            names=_names(known[program.name].writes, equations, meta),
+        )
         for program in whole
     ]
     looped = [x for x in functions(equations.kernels, known) if f"{x.name}_batch" in meta["halves"][SINGLES]]
@@ -162,7 +175,7 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
         "closing": _closing_files(equations, _composed(equations)),
         "sizes": {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()},
-        "setup": define_setup(equations.setup, model.name, scalar),
+        "setup": define_setup(equations.setup, model.name, scalar, list(meta["parameters"])),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
         "composed": _templates(_composed(equations)),
@@ -180,6 +193,12 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
+
+
+def _names(array: str, equations: Equations, meta: Mapping[str, Any]) -> dict[str, str]:
+    """Return names of the entries of the array that a program writes, by their places in C."""
+    shape = equations.interface["shapes"].get(array)
+    return {} if shape is None else {f"out[{i}]": name for i, name in enumerate(entry_names(array, shape, meta))}
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
@@ -325,8 +344,7 @@ def lane_context(equations: Equations) -> dict[str, Any]:
             model.name,
             lanes,
             singular=singular,
-            packed=p.name in packings,
-            several=p.name in names and p.name not in packings and part_by_part(p),
+            form="packed" if p.name in packings else "several" if p.name in names and part_by_part(p) else "",
         )
         for p in programs
     ]

@@ -58,7 +58,7 @@ def test_no_module_needs_posix_to_be_imported() -> None:
 
 @pytest.mark.quick
 def test_imports_are_found_wherever_they_stand() -> None:
-    text = "try:\n    import fcntl\nexcept ImportError:\n    from pwd import x\nif True:\n    pass\nelse:\n    import tty.a\n"
+    text = "try:\n  import fcntl\nexcept ImportError:\n  from pwd import x\nif True:\n  pass\nelse:\n  import tty.a\n"
     assert [*imported(ast.parse(f"{text}def f():\n    import grp\n").body)] == ["fcntl", "pwd", "tty"]
 
 
