@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from ..tree.followers import coordinate_parents
 from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
 from .names import HEADINGS, entry_names, name_tables, status_texts
-from .scalar_types import SCALARS, Scalar
+from .scalar_types import SCALARS, Constants, Scalar
 from .statements import CHUNK
 from .tableaus import STAGES
 
@@ -137,9 +138,12 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
-    model, dtype, scalar = equations.model, equations.dtype, SCALARS[equations.dtype]
+def number_context(equations: Equations, meta: Mapping[str, Any], constants: Constants | None = None) -> dict[str, Any]:
+    """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header.
+
+    ``constants`` takes up long literals.
+    """
+    model, dtype, scalar = equations.model, equations.dtype, replace(SCALARS[equations.dtype], constants=constants)
     known = signatures_of(model)
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
@@ -321,11 +325,11 @@ def _tables(model: Model) -> dict[str, Any]:
     }
 
 
-def lane_context(equations: Equations) -> dict[str, Any]:
+def lane_context(equations: Equations, constants: Constants | None = None) -> dict[str, Any]:
     """Return names that mean something else in C on lanes, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
     apart = any(_rolls(name) for name in together)
-    scalar = SCALARS[equations.dtype]
+    scalar = replace(SCALARS[equations.dtype], constants=constants)
     lanes = scalar.lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [

@@ -14,8 +14,10 @@ from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
 from .library import library_types
 from .metadata import kernel_metadata
+from .scalar_types import Constants
 from .source import Source, environment
 
+CONSTANTS = "/* constants */\n"  # a line of templates/kernel/opening.c.jinja
 DECLARATIONS = "kernel/declarations.jinja"
 
 
@@ -29,12 +31,14 @@ def render(equations: Equations, *, batches: bool = True, scalar: bool = False, 
     """
     meta = kernel_metadata(equations, batches=batches, scalar=scalar)
     names = header_context(equations, meta, batches)
-    context = {**names, **number_context(equations, meta), "without_simd": scalar, "libm": libm}
+    constants = Constants()
+    context = {**names, **number_context(equations, meta, constants), "without_simd": scalar, "libm": libm}
     header = _fill("kernel/kernel.h.jinja", names)
     context["opening"] = _fill("kernel/opening.c.jinja", context)
-    code, batch_code = _tidy(_fill("kernel/kernel.c.jinja", context)), ""
+    code, batch_code = _with_constants(_fill("kernel/kernel.c.jinja", context), constants), ""
     if batches and not scalar:
-        batch_code = _tidy(_fill("kernel/batches.c.jinja", {**context, **lane_context(equations)}))
+        batch_code = _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, constants)})
+        batch_code = _with_constants(batch_code, constants)
     types = library_types(equations.dtype) if names["rolls"] or names["adapts"] or names["gradients"] else ""
     cdefs = {
         half: types + _fill(DECLARATIONS, {**names, "declared": declared}) for half, declared in meta["halves"].items()
@@ -43,6 +47,13 @@ def render(equations: Equations, *, batches: bool = True, scalar: bool = False, 
     text = json.dumps(meta, indent=1) + "\n"
     cdef, longest = types + _fill(DECLARATIONS, names), max(lengths, default=0)
     return Source(equations.model.name, header, code, batch_code, cdef, text, sum(lengths), longest, cdefs)
+
+
+def _with_constants(code: str, constants: Constants) -> str:
+    """Put definitions of the constants that code uses behind what it includes."""
+    defined = constants.definitions(code)
+    note = "\n/* Numbers of the description, and what comes of them. */\n" if defined else ""
+    return _tidy(code.replace(CONSTANTS, f"{note}{defined}", 1))
 
 
 def _tidy(code: str) -> str:

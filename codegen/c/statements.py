@@ -290,7 +290,7 @@ class _Writer:
         if index in self.turns:
             return self.turns[index]
         if instruction.op == "const":
-            return self.scalar.literal(instruction.leaf)
+            return self.scalar.constant(instruction.leaf)
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
 
     def _handed(self, arg: int, known: dict[int, str], lines: list[str]) -> str:
