@@ -23,7 +23,7 @@ from .operation_counts import operations
 WIDTH = 120  # of lines
 
 
-def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, Any]:
+def kernel_metadata(equations: Equations, *, batches: bool = True, scalar: bool = False) -> dict[str, Any]:
     """Return plain values for JSON: the interface of the equations, operations, zeros, functions of both libraries."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     kept = {name: number for name, number in kept_of_a_step(model).items() if name in equations.kernels}
@@ -32,7 +32,7 @@ def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, 
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
-        "halves": functions_of_libraries(equations, batches=batches),
+        "halves": functions_of_libraries(equations, batches=batches, scalar=scalar),
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_tolerances(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
         **({"kept": kept} if kept else {}),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -239,10 +240,9 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     assert good == "1"
     assert float(state) == pytest.approx(motion.z[-1, 0], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in (*enumerate(kernel.coordinates), *enumerate(kernel.internal_states)):
-        assert f" *   {place:3d}  {name}\n" in header
-    names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
-    assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = 0" in names
+    for key, names in (("COORDINATE", kernel.coordinates), ("STATE", kernel.internal_states)):
+        for place, name in enumerate(names):
+            assert re.search(rf"BRISTLE_ARM_{key}_{name.replace('.', '_')} = {place},? /\* {name} \*/\n", header)
     mex = (package / "bristle_arm_mex.c").read_text(encoding="ascii")
     assert f'"{first}",' in mex and 'strcmp(name, "states")' in mex  # noqa: PT018
     component = (package / "ros2" / "component.cpp").read_text(encoding="ascii")

@@ -16,6 +16,7 @@ from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
 from ..identifiers import plain_path
+from ..names import show
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.value import Robot
 from ..runtime.levels import best_level
@@ -24,8 +25,9 @@ from . import direct_calls
 from .derivations import derived_model
 from .folders import new_folder, put_folder
 from .options import ALL, Options
-from .stages import Described, describe, make_package, tools_for
+from .stages import Described, derive, describe, make_package, tools_for
 
+MOST_SAMPLES = 1000
 _LARGEST = 1 << 28  # bytes of a package's metadata
 NEEDED = ("numpy", "cffi", "_cffi_backend", "eomgen")  # what a package imports, and what writes it
 _BINARIES = (".so", ".pyd", ".dylib", ".dll")
@@ -40,6 +42,7 @@ def generate(
     cmake: bool = False,
     ros2: bool = False,
     report: Path | str | None = None,
+    samples: int = 0,
     progress: StageReport = no_report,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
@@ -57,6 +60,8 @@ def generate(
         ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
         report: file to write the derivation to, .html or .tex: joint matrices, surviving terms, and of small robots
             the closed form.
+        samples: with the C99 program NAME_samples.c, which tests all functions in so many random states, up to
+            MOST_SAMPLES; 0: without.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -65,16 +70,21 @@ def generate(
             report has another ending.
         BuildError: see ``build``.
     """
+    from ..codegen.c.samples import render_samples
     from ..codegen.derivation.report import render_report, with_summary
 
     folder, robot = Path(as_path(folder, "folder")), as_robot(robot)
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
+    if isinstance(samples, bool) or not isinstance(samples, int) or not 0 <= samples <= MOST_SAMPLES:
+        raise InputError(f"samples: {show(samples)}; allowed: a whole number from 0 to {MOST_SAMPLES}")
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
     described = describe(robot, package_options(robot, options)).with_beside()
     files, model, header = _files_of_levels(described, progress), derived_model(robot), f"{robot.name}.h"
     files = {**files, header: with_summary(files[header].decode("ascii"), model).encode("ascii")}
+    if samples:
+        files[f"{robot.name}_samples.c"] = render_samples(derive(described), samples).encode("ascii")
     target = folder / robot.name
     try:
         _write_package(target, files, described.options, cmake=cmake or ros2, ros2=ros2)

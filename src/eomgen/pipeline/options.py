@@ -34,6 +34,8 @@ class Options:
         same bits.
     flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
     batches: with functions for several states in one call; Python's kernels need them.
+    scalar: generate one file of C, without SIMD; its functions for several states call those for one, state by state.
+    libm: take sines and cosines of the C library instead of the kernel's polynomials; other last bits.
     quick: compile in two thirds of the time, for calls from Python; code that stores much, such as a mass matrix, may
         be slower by half.
     """
@@ -43,6 +45,8 @@ class Options:
     native: bool = False
     flags: tuple[str, ...] = ()
     batches: bool = True
+    scalar: bool = False
+    libm: bool = False
     levels: tuple[str, ...] = ()
     quick: bool = False
 

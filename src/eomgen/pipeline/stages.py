@@ -61,7 +61,8 @@ class Described:
     def key(self) -> str:
         """Hash of the description, the options that change the source, and the generator's code."""
         options = self.options
-        parts = [self.robot_hash, options.kernels, options.dtype, options.batches, __version__, generator_hash()]
+        chosen = [options.kernels, options.dtype, options.batches, options.scalar, options.libm]
+        parts = [self.robot_hash, *chosen, __version__, generator_hash()]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def of(self, kernels: Sequence[str]) -> Described:
@@ -142,7 +143,7 @@ def render(equations: Equations, options: Options) -> Rendered:
     from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render as render_source
 
-    source = render_source(equations, batches=options.batches)
+    source = render_source(equations, batches=options.batches, scalar=options.scalar, libm=options.libm)
     return Rendered(source, pack_expected(equations))
 
 
@@ -214,7 +215,7 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
     """
     options = described.options
     kernels = [name for name in options.kernels or OWN_KERNELS if name in available(described.model)]
-    halves = (half,) if half else (SINGLES, BATCHES) if options.batches else (SINGLES,)
+    halves = (half,) if half else (SINGLES, BATCHES) if options.batches and not options.scalar else (SINGLES,)
     parts = {one: library_objects(kernels, one) for one in halves}
     direct_calls.begin(tools.compiler)
     library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts)

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.codegen.c import project
-from eomgen.codegen.c.project import TAKEN, identifiers, project_files, quoted, safe, view
+from eomgen.codegen.c.names import TAKEN, identifiers, safe
+from eomgen.codegen.c.project import project_files, quoted, view
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import LoopError, SingularError
 from eomgen.names import kind_of
@@ -500,7 +501,7 @@ def test_words_of_cpp_as_names(tmp_path: Path) -> None:
     """Robots, links and joints with such names, all in one program, with the compilers' own macros."""
     names = ("namespace", "std", "linux", "sin", "eomgen_h", "detail")
     folders = [package_of(reserved(name), tmp_path, "mass_matrix", "kinematics") for name in names]
-    both = "".join(f'#include "{name}.hpp"\n#include "{name}_names.h"\n' for name in names)
+    both = "".join(f'#include "{name}.hpp"\n#include "{name}.h"\n' for name in names)
     uses = "".join(
         f"static_assert(eomgen::{safe(name)}::links::template_ == std::size_t({name.upper()}_LINK_template_));\n"
         f'static_assert(eomgen::{safe(name)}::link_names[eomgen::{safe(name)}::links::NULL_] == "NULL");\n'

@@ -166,7 +166,7 @@ def test_blocks_of_the_documentation_compile(tmp_path: Path) -> None:
     (include / "eomgen").symlink_to(package)
     (c,) = re.findall(r"```c\n(.*?)```", EMBED, re.S)
     (cpp,) = re.findall(r"```cpp\n(.*?)```", EMBED, re.S)
-    headers = "#include <eomgen/puma560.h>\n#include <eomgen/puma560_names.h>\n"
+    headers = "#include <eomgen/puma560.h>\n"
     (tmp_path / "block.c").write_text(f"{headers}void f(const double *q);\nvoid f(const double *q)\n{{\n{c}}}\n")
     (tmp_path / "block.cpp").write_text(cpp)
     run("gcc", "-std=c99", "-Wall", "-Werror", "-I", include, "-fsyntax-only", tmp_path / "block.c")
@@ -331,8 +331,7 @@ def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
         return {path.name: path.read_bytes() for path in files if path.is_file()}
 
     first, with_project, plain = made("a", True), made("b", True), made("a", False)
-    added = {"CMakeLists.txt", "one_linkConfig.cmake", "one_link.pc.in"}
-    added |= {"one_link.hpp", "one_link_names.h", "one_link_mex.c"}
+    added = {"CMakeLists.txt", "one_linkConfig.cmake", "one_link.pc.in", "one_link.hpp", "one_link_mex.c"}
     assert first == with_project
     assert set(first) - set(plain) == added
     assert plain == {name: text for name, text in first.items() if name not in added}

@@ -245,6 +245,9 @@ def test_no_text_of_a_description_reaches_the_code(hostile: str, tmp_path: Path,
 
 
 def squeezed(text: str) -> str:
+    """Without what depends on the length of names: spaces, and where the formula of a constant stands."""
+    constant = re.compile(r"/\* ((?:(?!\*/).)*) \*/\n(#define EOM_C\d+ \S+)\n", re.DOTALL)
+    text = constant.sub(lambda match: match[2] + " /* " + match[1].replace("\n * ", " ") + " */\n", text)
     return re.sub(r" +", " ", text)
 
 
