@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen._version import __version__
-from eomgen.runtime.stepping.methods import FIXED
+from eomgen.runtime.rollouts import FIXED
 
 from ..kernels.equations import Equations
 from ..kernels.signatures import Function, functions, signatures_of

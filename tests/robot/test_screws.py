@@ -18,7 +18,7 @@ from eomgen.description.recorded import robot_from_record
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.live.geometry import geometry_of
-from eomgen.identifiers import NAME_LENGTH
+from eomgen.names import NAME_LENGTH
 from eomgen.robot import record_of, robot_hash
 from eomgen.robot.elements.joint_stiffness import JointStiffness
 from eomgen.robot.model import build_model

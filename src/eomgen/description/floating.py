@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from ..identifiers import NAME_LENGTH
-from ..names import component_name, show
+from ..names import NAME_LENGTH, component_name, show
 from ..robot.value import BASE, COORDINATES, Coordinate, Joint
 from .draft import Draft
 

@@ -15,7 +15,6 @@ from typing import Any, ClassVar, NoReturn, Protocol
 from ..identifiers import (
     IDENTIFIER,
     IDENTIFIER_RULE,
-    NAME_LENGTH,
     ROBOT_LENGTH,
     ROBOT_NAME,
     ROBOT_RULE,
@@ -26,7 +25,7 @@ from ..identifiers import (
     to_robot_name,
 )
 from ..limits import LARGEST, MOST_ENTRIES
-from ..names import nearest, show
+from ..names import NAME_LENGTH, nearest, show
 
 Json = dict[str, Any]
 

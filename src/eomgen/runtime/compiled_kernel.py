@@ -25,6 +25,7 @@ class CompiledKernel:
 
     forward_dynamics: Any  # methods of classes derived from this one
     functions: Any
+    _bound: BoundFunctions
 
     def __init__(
         self,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eomgen.identifiers import NAME_LENGTH, to_identifier, unique_identifiers
-from eomgen.names import component_name, joint_of, kind_of, listed, show
+from eomgen.identifiers import to_identifier, unique_identifiers
+from eomgen.names import NAME_LENGTH, component_name, joint_of, kind_of, listed, show
 from eomgen.robot.bounds import Limits
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.geometry import ZERO

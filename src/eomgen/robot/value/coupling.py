@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ...identifiers import NAME_LENGTH
-from ...names import component_name, joint_of
+from ...names import NAME_LENGTH, component_name, joint_of
 from ..fields import LATER, Picklable
 from .coordinate import Coordinate
 from .joint import CUT_NUMBERS, Joint
