@@ -12,8 +12,8 @@ import numpy as np
 from eomgen.errors import InputError
 
 from ..program.traced import Traced, origin_of
+from .wrapping import COLUMNS
 
-COLUMNS = 120  # of generated code
 UNKNOWN = "constant of the equations: of a threshold, a series, bending modes or a measured curve"
 
 DIGITS = 4  # of literals that stand in expressions; longer ones are named

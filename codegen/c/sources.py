@@ -15,6 +15,7 @@ from .library import library_types
 from .metadata import json_text, kernel_metadata
 from .scalar_types import Constants
 from .source import Source, environment
+from .wrapping import wrapped
 
 CONSTANTS = "/* constants */\n"  # a line of templates/kernel/opening.c.jinja
 DECLARATIONS = "kernel/declarations.jinja"
@@ -32,7 +33,7 @@ def render(equations: Equations, *, batches: bool = True, scalar: bool = False, 
     names = header_context(equations, meta, batches)
     constants = Constants()
     context = {**names, **number_context(equations, meta, constants), "without_simd": scalar, "libm": libm}
-    header = _fill("kernel/kernel.h.jinja", names)
+    header = wrapped(_fill("kernel/kernel.h.jinja", names))
     context["opening"] = _fill("kernel/opening.c.jinja", context)
     code, batch_code = _with_constants(_fill("kernel/kernel.c.jinja", context), constants), ""
     if batches and not scalar:
@@ -56,9 +57,9 @@ def _with_constants(code: str, constants: Constants) -> str:
 
 
 def _tidy(code: str) -> str:
-    """Remove the empty lines that macros leave behind."""
+    """Remove the empty lines that macros leave behind, and break long ones."""
     code = re.sub(r"\n{3,}", "\n\n", code)
-    return re.sub(r"(?<=\n{\n)\n", "", code.replace("\n\n}", "\n}"))
+    return wrapped(re.sub(r"(?<=\n{\n)\n", "", code.replace("\n\n}", "\n}")))
 
 
 def _fill(template: str, context: Mapping[str, Any]) -> str:

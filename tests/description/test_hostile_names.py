@@ -26,7 +26,7 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS, source_of, write_source
+from tests.support.c_project import WARNINGS, source_of, unwrapped, write_source
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message
 from tests.support.good_files import PLAN, SCENARIO, WORN
@@ -189,7 +189,7 @@ def skeleton(source: Source) -> Iterator[str]:
     for text in (source.header, *source.codes.values(), source.cdef, source.meta):
         assert text.isascii()
         assert set(filter(lambda letter: not letter.isprintable(), text)) <= {"\n"}
-        yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", text))
+        yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", unwrapped(text)))
 
 
 def compiles(source: Source, folder: Path, *flags: str) -> None:

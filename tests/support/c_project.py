@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -120,6 +121,13 @@ def write_source(source: Source, folder: Path) -> list[Path]:
         (folder / place).parent.mkdir(exist_ok=True)
         (folder / place).write_text(text, encoding="ascii")
     return [folder / file for file in source.codes]
+
+
+def unwrapped(text: str) -> str:
+    """Return generated code without what depends on the length of names: line breaks, places of constants' comments."""
+    constant = re.compile(r"/\* ((?:(?!\*/).)*) \*/\n(#define EOM_C\d+ \S+)\n", re.DOTALL)
+    text = constant.sub(lambda match: f"{match[2]} /* {match[1]} */\n", text)
+    return re.sub(r"\s+", " ", text.replace("\n * ", " "))
 
 
 def source_of(robot: Robot, dtype: str = "float64") -> Source:

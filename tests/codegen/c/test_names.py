@@ -86,14 +86,15 @@ def test_every_output_index_has_a_name(robot: str) -> None:
     """The row and the column that a statement fills, which the header's enums number."""
     source = make_source(robot, package_options(robot))
     model = build_model(eomgen.load_robot(robot))
-    stored = re.findall(r"^    out\[(\d+)\] = .*;( /\* .* \*/)?$", source.code, re.MULTILINE)
+    code = re.sub(r"\n(?: {12,}| \* )", " ", source.code)  # continued lines
+    stored = re.findall(r"^    out\[(\d+)\] = [^;]*;( /\* .* \*/)?$", code, re.MULTILINE)
     assert len(stored) > 10
     assert [index for index, note in stored if not note] == []
     places = enum_of(source.header, f"{robot.upper()}_COORDINATE")
     assert list(places.values()) == list(range(len(model.coordinates)))
     assert [name.replace("_", ".") for name in places] == [name.replace("_", ".") for name in model.coordinates]
-    body = source.code.split(f"int {robot}_mass_matrix(")[1].split("\n}\n")[0]
-    body += "".join(re.findall(rf"void {robot}_mass_matrix_part.*?\n}}\n", source.code, re.DOTALL))
+    body = code.split(f"int {robot}_mass_matrix(")[1].split("\n}\n")[0]
+    body += "".join(re.findall(rf"void {robot}_mass_matrix_part.*?\n}}\n", code, re.DOTALL))
     entries = re.findall(r"out\[(\d+)\] = .*; /\* (\S+), (\S+) \*/", body)
     assert len(entries) >= len(model.coordinates)
     for index, row, column in entries:

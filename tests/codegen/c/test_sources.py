@@ -29,6 +29,7 @@ from eomgen.codegen.c.metadata import kernel_metadata
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.c.sources import render
+from eomgen.codegen.c.wrapping import COLUMNS, wrapped
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.description.load import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError
@@ -38,7 +39,7 @@ from release.packages import link_package
 from release.pythons import PYTHONS, interpreter
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS, check_symbols, elastic_tree, source_of, write_source
+from tests.support.c_project import WARNINGS, check_symbols, elastic_tree, source_of, unwrapped, write_source
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
@@ -140,6 +141,25 @@ def test_no_heap_and_no_static_state(name: str) -> None:
         assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
 
 
+@pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
+def test_lines_are_short(name: str) -> None:
+    source = source_of_robot(name)
+    assert [x for text in (source.header, *source.codes.values()) for x in text.splitlines() if len(x) > COLUMNS] == []
+
+
+def test_lines_break_between_tokens() -> None:
+    call = f"    f({', '.join(f'argument_{i}' for i in range(12))}); /* {'a word ' * 10}*/\n"
+    texts = f'    const char *x = "{"many words " * 9}"; /* said */\n'
+    comment = f"/* {'word ' * 30}*/\n#define X 1 /* {'word ' * 30}*/\n"
+    broken = wrapped(call + texts + comment)
+    assert [line[:20] for line in broken.splitlines()][:2] == ["    f(argument_0, ar", "            argument"]
+    assert re.findall(r'"[^"]*"', broken) == re.findall(r'"[^"]*"', texts)
+    assert all(len(line) <= COLUMNS for line in broken.splitlines())
+    assert "\n#define X 1 /* word" in broken
+    assert re.sub(r"\s+", " ", broken.replace("\n * ", " ")) == re.sub(r"\s+", " ", call + texts + comment)
+    assert wrapped("x" * 200) == "x" * 200
+
+
 def test_header_in_cpp(tmp_path: Path) -> None:
     """A C++ program includes the header, twice, and links with the C."""
     source = source_of(eomgen.load_robot("one_link"))
@@ -239,16 +259,9 @@ def test_no_text_of_a_description_reaches_the_code(hostile: str, tmp_path: Path,
         for old, new in own_names(robot, replaced_names(robot)):
             text = re.sub(rf"(?<![A-Za-z0-9]){old}", new, text)
             text = re.sub(rf"(?<![A-Za-z0-9]){old.upper()}(?=_[A-Z])", new.upper(), text)
-        assert squeezed(text) == squeezed(other)
+        assert unwrapped(text) == unwrapped(other)
     kernel = built(robot, "mass_matrix")
     assert kernel.mass_matrix([0.0]).shape == (1, 1)
-
-
-def squeezed(text: str) -> str:
-    """Without what depends on the length of names: spaces, and where the formula of a constant stands."""
-    constant = re.compile(r"/\* ((?:(?!\*/).)*) \*/\n(#define EOM_C\d+ \S+)\n", re.DOTALL)
-    text = constant.sub(lambda match: match[2] + " /* " + match[1].replace("\n * ", " ") + " */\n", text)
-    return re.sub(r" +", " ", text)
 
 
 def replaced_names(robot: Robot) -> Robot:

@@ -217,7 +217,7 @@ def test_composed_kernels_find_every_result_in_its_place(monkeypatch: pytest.Mon
     assert "tree_residual_jacobian_packed(" in alone
     assert "tree_residual_jacobian_lanes(" not in alone
     called = render(derive_equations(model, ("residual_jacobian", "forward_dynamics_jacobian"))).batch_code
-    assert re.search(r"static int tree_residual_jacobian_lanes\(.*\n\{\n    lanes packed\[\d+\];", called)
+    assert re.search(r"static int tree_residual_jacobian_lanes\([^)]*\)\n\{\n    lanes packed\[\d+\];", called)
     only = render(derive_equations(model, ("forward_dynamics_jacobian",))).batch_code
     assert "tree_residual_jacobian_packed(" not in only
     assert "tree_residual_jacobian_lanes(" in only
