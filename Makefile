@@ -17,7 +17,7 @@
 #   make tables     regenerate the tables in docs/architecture.md, docs/comparison.md, docs/start.md and others
 #   make picture    simulate and draw the pictures of README.md and of the harmonic drive
 #   make packages   write the list of packages in pyproject.toml, after a folder of code was added, renamed or removed
-#   make methods    write the coefficients of integration methods for C, src/eomgen/clib/tableaus.h
+#   make methods    write the coefficients of integration methods for C, tableaus.h and explicit_tableaus.h of src/eomgen/clib
 #   make schemas    regenerate the JSON Schemas in src/eomgen/schemas
 #   make operations regenerate src/eomgen/clib/operations.h from the table of operations
 #   make claims     run the commands behind the figures of README and docs that take less than an hour
@@ -129,7 +129,7 @@ packages:
 	$(PYTHON) -m release.packages
 
 methods: $(VENV)/.sim
-	$(BIN)/python -m eomgen.codegen.c.tableaus > src/eomgen/clib/tableaus.h
+	$(BIN)/python -m eomgen.codegen.c.tableaus src/eomgen/clib
 
 operations: $(VENV)/.sim
 	$(BIN)/python -m eomgen.codegen.c.functions > src/eomgen/clib/operations.h

@@ -94,9 +94,9 @@ HEAD = """# What a first build costs
 A kernel is derived and compiled when it is first called, and comes from the cache from then on; its functions for
 batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and imports of NumPy and SymPy included. SymPy derives joints; the cache holds the
-result for all robots whose joints have the same active coordinates ([Theory](theory.md)). Rollouts are linked with
-[the C library](library.md), whose objects a machine's first build of rollouts compiles beside the derivation, as
-here, and later ones find in the cache.
+result for all robots whose joints have the same active coordinates ([Theory](theory.md)). Rollouts with error
+control are linked with [the C library](library.md), whose objects a machine's first build of them compiles during the
+derivation, as here, and later ones find in the cache.
 Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
 Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward

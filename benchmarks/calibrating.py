@@ -28,8 +28,8 @@ import eomgen
 from eomgen.bench.beside import processor_name
 from eomgen.identification import calibrate
 from eomgen.identification.geometry.stations import chain_of, located
+from eomgen.kernel.inverse_kinematics.rotations import rpy_of
 from eomgen.motion.turns import rotation_of
-from eomgen.runtime.inverse_kinematics.rotations import rpy_of
 
 from .peers.cases import case
 

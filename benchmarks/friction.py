@@ -26,8 +26,8 @@ from eomgen.codegen.package.compile import find_compiler
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InternalError
 from eomgen.integration.solve import integrate
+from eomgen.kernel.stepping.input_signals import DriveData, Signal, Track
 from eomgen.robot.value import Friction, Robot
-from eomgen.runtime.stepping.input_signals import DriveData, Signal, Track
 
 from .bars import Bar, conclusion
 

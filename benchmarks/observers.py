@@ -94,7 +94,7 @@ def timed(dtype: str, rounds: int) -> dict[str, list[str]]:
     real, rows = "float" if dtype == "float32" else "double", dict[str, list[str]]()
     with TemporaryDirectory() as name:
         folder = Path(name)
-        compiler = [*find_compiler().command, "-DEOMGEN_SINGLES_ONLY"]
+        compiler = [*find_compiler().command]
         for form in FORMS:
             made = observer(ELASTIC, BOTH, dt=1e-3, form=form, dtype=dtype)  # type: ignore[arg-type]
             about = {"name": ELASTIC, "real": real, "n": made.kernel.n, "m": len(BOTH), "rounds": rounds}

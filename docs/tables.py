@@ -1,4 +1,4 @@
-"""Write the generated parts of committed pages, docs/claims.md and docs/public_arguments.txt: python docs/tables.py.
+"""Write the generated parts of committed pages, and docs/claims.md: python docs/tables.py.
 
 With --check: status 1 if they differ instead.
 """
@@ -25,7 +25,6 @@ from generators import kernels, packages, public  # noqa: E402
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
 MOST_SHOWN = 7  # packages of an extra that the table names
-ARGUMENTS = "docs/public_arguments.txt"
 ARM_BEHIND = """
 [[links]]
 name = "arm{0}"
@@ -194,7 +193,7 @@ PARTS = {
     "docs/start.md": {"extras": extras},
     "docs/limits.md": {"sizes": sizes},
     "docs/python.md": {"arguments": kernels.arguments, "kernels": kernels.table},
-    "docs/stability.md": {"names": public.names, "renamed": public.renamings},
+    "docs/stability.md": {"names": public.names},
     "docs/architecture.md": {
         "packages": packages.table,
         "rules": packages.rules,
@@ -213,12 +212,8 @@ def filled(page: str) -> str:
 
 
 def main() -> int:
-    arguments = (ROOT / ARGUMENTS).read_text(encoding="utf-8")
-    if lost := public.lost(arguments):
-        print(*lost, f"delete from {ARGUMENTS} by hand what goes with a minor version", sep="\n", file=sys.stderr)
-        return 1
     differ = False
-    whole = {ARGUMENTS: public.arguments(), CLAIMS: claims()}
+    whole = {CLAIMS: claims()}
     for page, wanted in {**whole, **{page: filled(page) for page in PARTS}}.items():
         now = (ROOT / page).read_text(encoding="utf-8") if (ROOT / page).exists() else ""
         differ |= now != wanted

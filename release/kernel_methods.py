@@ -14,9 +14,9 @@ from pathlib import Path
 
 from eomgen.codegen.kernels.entries import Signature
 from eomgen.codegen.kernels.signatures import CORE, MORE, OWN_KERNELS
-from eomgen.runtime.methods.bound import PARTS
+from eomgen.runtime.bound import PARTS
 
-PATH = Path(__file__).parents[1] / "src/eomgen/runtime/methods/kernel_methods.py"
+PATH = Path(__file__).parents[1] / "src/eomgen/kernel/kernel_methods.py"
 SHAPES = {"q": "(n,)", "v": "(n,)", "a": "(n,)", "u": "(n,)"}
 TYPES = {
     "wrench": "WrenchLike | None = None",
@@ -48,9 +48,9 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from ..raw import Array
-from .bound import BoundFunctions, kernel_method
-from .wrenches import WrenchLike
+from ..runtime.bound import BoundFunctions, kernel_method
+from ..runtime.raw import Array
+from ..runtime.wrenches import WrenchLike
 '''
 
 

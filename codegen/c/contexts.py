@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,15 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.entries import JOINED, KernelTable
 from ..kernels.equations import Equations
 from ..kernels.interface import places_of_forces, turning_joints
-from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures_of
+from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, signatures_of
 from ..program.ir import Program
 from ..program.orders import with_short_lives
 from ..program.shares import GIVEN
 from ..tree.followers import coordinate_parents
 from .definitions import define, define_setup, define_share
 from .lanes import batched, calls_of, kept_size, pack, part_by_part
-from .scalar_types import SCALARS, Scalar
+from .names import HEADINGS, entry_names, name_tables, status_texts
+from .scalar_types import SCALARS, Constants, Scalar
 from .statements import CHUNK
 from .tableaus import STAGES
 
@@ -68,8 +70,13 @@ def header_context(equations: Equations, meta: Mapping[str, Any], batches: bool)
         "inputs_in_c": len(model.coordinates) + len(model.drives),
         "m": len(model.constraints),
         "statuses": statuses(model),
+        "status_texts": status_texts(model.coordinates, model.constraints),
+        "headings": HEADINGS,
+        "tables": [table for table in name_tables(meta) if table["names"]],
+        "defaults": [(x, SCALARS[equations.dtype].literal(value)) for x, value in meta["parameters"].items()],
         "closed": bool(model.constraints),
         "batches": batches,
+        "simd": BATCHES in meta["halves"],
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "internal_states": model.internal_states,
@@ -131,16 +138,27 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, Any]:
-    """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header."""
-    model, dtype, scalar = equations.model, equations.dtype, SCALARS[equations.dtype]
+def number_context(equations: Equations, meta: Mapping[str, Any], constants: Constants | None = None) -> dict[str, Any]:
+    """Return names that C uses beside the header's, where a number is one state's; ``meta`` as of the header.
+
+    ``constants`` takes up long literals.
+    """
+    model, dtype, scalar = equations.model, equations.dtype, replace(SCALARS[equations.dtype], constants=constants)
     known = signatures_of(model)
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
     singular = f"singular({len(model.coordinates)}, pivot)"
     definitions = [
-        define(program, known[program.name], model.name, scalar, singular=singular, public=program.name in public)
+        define(
+            program,
+            known[program.name],
+            model.name,
+            scalar,
+            singular=singular,
+            public=program.name in public,
+            names=_names(known[program.name].writes, equations, meta),
+        )
         for program in whole
     ]
     looped = [x for x in functions(equations.kernels, known) if f"{x.name}_batch" in meta["halves"][SINGLES]]
@@ -161,7 +179,7 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
         "closing": _closing_files(equations, _composed(equations)),
         "sizes": {key: int(np.prod(shape)) for key, shape in equations.interface["shapes"].items()},
-        "setup": define_setup(equations.setup, model.name, scalar),
+        "setup": define_setup(equations.setup, model.name, scalar, list(meta["parameters"])),
         "programs": definitions,
         "equations_of_robot": {"": {program.name for program in whole}},
         "composed": _templates(_composed(equations)),
@@ -179,6 +197,12 @@ def number_context(equations: Equations, meta: Mapping[str, Any]) -> dict[str, A
         "kept_numbers": kept_of_a_step(model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
+
+
+def _names(array: str, equations: Equations, meta: Mapping[str, Any]) -> dict[str, str]:
+    """Return names of the entries of the array that a program writes, by their places in C."""
+    shape = equations.interface["shapes"].get(array)
+    return {} if shape is None else {f"out[{i}]": name for i, name in enumerate(entry_names(array, shape, meta))}
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
@@ -301,11 +325,11 @@ def _tables(model: Model) -> dict[str, Any]:
     }
 
 
-def lane_context(equations: Equations) -> dict[str, Any]:
+def lane_context(equations: Equations, constants: Constants | None = None) -> dict[str, Any]:
     """Return names that mean something else in C on lanes, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
     apart = any(_rolls(name) for name in together)
-    scalar = SCALARS[equations.dtype]
+    scalar = replace(SCALARS[equations.dtype], constants=constants)
     lanes = scalar.lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
@@ -324,8 +348,7 @@ def lane_context(equations: Equations) -> dict[str, Any]:
             model.name,
             lanes,
             singular=singular,
-            packed=p.name in packings,
-            several=p.name in names and p.name not in packings and part_by_part(p),
+            form="packed" if p.name in packings else "several" if p.name in names and part_by_part(p) else "",
         )
         for p in programs
     ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from ..kernels.entries import Signature
 from ..program.ir import Program
 from .scalar_types import Scalar
-from .statements import CHUNK, NO_STOPS, Function, reads, write_function
+from .statements import CHUNK, NO_NAMES, NO_STOPS, Function, reads, write_function
 
 SHARED = ("h", "p")  # arrays with one number for all states
 SHORT = 300  # values per function that several vectors go through: some 3 KB of instructions
@@ -77,29 +78,33 @@ def define(
     *,
     singular: str = "0",
     public: bool = False,
-    packed: bool = False,
-    several: bool = False,
+    form: Literal["", "packed", "several"] = "",
+    names: Mapping[str, str] = NO_NAMES,
 ) -> Definition:
     """Define a kernel's program on numbers, or on vectors with one state in every lane if ``scalar`` is such a vector.
 
     Args:
         singular: the status of pivots, as C.
-        packed: whether the program writes its different results alone, ``lanes.pack``.
-        several: whether several vectors are computed part by part, too, ``lanes.part_by_part``, in shorter parts.
+        form: "packed" if the program writes its different results alone, ``lanes.pack``; "several" if several vectors
+            are computed part by part, too, ``lanes.part_by_part``, in shorter parts.
+        names: of ``write_function``.
     """
     pivots = any(array == "pivot" for array, _ in program.outputs)
-    ending, chunk = f"return {singular if pivots else 0};", SHORT if several else CHUNK
-    function = write_function(program, scalar, signature, ending=ending, chunk=chunk)
+    ending, chunk = f"return {singular if pivots else 0};", SHORT if form == "several" else CHUNK
+    function = write_function(program, scalar, signature, ending=ending, chunk=chunk, names=names)
     name = f"{robot}_{program.name}"
-    together = f"{name}_several" if several and len(function.chunks) > 1 else ""
-    name += "_packed" if packed else "_lanes" if scalar.spread else ""
+    together = f"{name}_several" if form == "several" and len(function.chunks) > 1 else ""
+    name += "_packed" if form == "packed" else "_lanes" if scalar.spread else ""
     linkage = "" if public and not scalar.spread else "static "
     return Definition(name, function, scalar, linkage, together, signature)
 
 
-def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:
-    """Define the program that computes what depends on parameters alone."""
-    return Definition(f"{robot}_setup", write_function(program, scalar, turning=False), scalar)
+def define_setup(program: Program, robot: str, scalar: Scalar, parameters: Sequence[str]) -> Definition:
+    """Define the program that computes what depends on parameters alone, which have these names."""
+    leaves = {place: program.instructions[index] for (_, place), index in program.outputs.items()}
+    copied = {place: leaf.leaf[1] for place, leaf in leaves.items() if leaf.op == "input" and leaf.leaf[0] == "p"}
+    names = {f"h[{place}]": parameters[i] for place, i in copied.items() if i < len(parameters)}
+    return Definition(f"{robot}_setup", write_function(program, scalar, turning=False, names=names), scalar)
 
 
 def define_share(program: Program, robot: str, scalar: Scalar, stops: Mapping[int, int] = NO_STOPS) -> Definition:

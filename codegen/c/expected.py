@@ -1,4 +1,4 @@
-"""Equations -> the numbers that a compiled package has to return in two random states, and how accurately.
+"""Equations -> the numbers that a compiled package has to return in random states, and how accurately.
 
 The programs are evaluated in NumPy.  A tolerance of each number is estimated by Monte Carlo arithmetic: the program is
 evaluated again with every operation rounded some units in the last place off at random, so that ill-conditioned results
@@ -27,11 +27,14 @@ from .contexts import PIVOT_LIMITS
 
 Array = NDArray[Any]
 
-STATES = 2
+STATES = 2  # of the test of a package before it enters the cache
 INPUTS = {"q", "v", "z", "u", "forces"}  # of motions
 COPIES = 4  # of each state, rounded at random
 UNITS = 8.0  # in the last place that an operation of a copy is off by at most
 SAFETY = 16.0  # times the largest deviation of a copy: the tolerance
+ROUNDING = 16.0  # units in the last place of a result, or of a sum of results by its terms, that are allowed beside it
+STEP = {"float64": 2.0**-200, "float32": 2.0**-60}  # s; so short that velocities change by the accelerations alone
+ITERATED = 256.0 * ROUNDING  # eps of velocities behind a step that is solved by iterations
 INCREMENT = 2.0**-14  # of coordinates, velocities and forces, for finite differences
 DAMPED = {"float64": 1e-6, "float32": 0.1}  # relative error of derivatives where loops are closed
 _ROWS = 251  # of random roundings, which instructions take in turn
@@ -53,45 +56,57 @@ class Answer(NamedTuple):
 
 
 def pack_expected(equations: Equations) -> bytes:
-    """Evaluate what every function of a package has to return, see ``read_expected``."""
+    """Evaluate what every function of a package has to return, see ``expected_numbers``."""
     stream = io.BytesIO()
-    with np.errstate(all="ignore"):
-        np.savez(stream, **_Reference(equations).arrays())
+    np.savez(stream, **expected_numbers(equations))
     return zlib.compress(stream.getvalue(), 1)
 
 
 def read_expected(data: bytes) -> dict[str, Array]:
-    """Read the arrays of ``pack_expected`` by name, without SymPy and without the equations.
-
-    Returns:
-        "p" and "h", (size,): parameters and what is precomputed from them, whose tolerances are "h near".
-        "q", "v" and so on, (STATES, size): inputs.  "frames": indices of frames.
-        By the name of each function what it returns, (STATES, count), of a function of a frame (frames, STATES, count);
-        of a rollout the accelerations of its first step from rest.  "NAME near": tolerances.  "NAME status", (STATES,):
-        PASSES, FAILS or UNCERTAIN.  "NAME places" and "NAME weights" as in ``Answer``.
-    """
+    """Read the arrays of ``pack_expected`` by name, without SymPy and without the equations."""
     with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as archive:
         return {name: archive[name] for name in archive.files}
 
 
-class _Reference:
-    """Lanes are the states, then copies of the first state, then those of the second one."""
+def expected_numbers(equations: Equations, states: int = STATES) -> dict[str, Array]:
+    """Evaluate what every function of a package has to return in so many random states.
 
-    def __init__(self, equations: Equations) -> None:
+    Returns:
+        "p" and "h", (size,): parameters and what is precomputed from them, whose tolerances are "h near", (1, size).
+        "q", "v" and so on, (states, size): inputs.  "frames": indices of frames.
+        By the name of each function what it returns, (states, count), of a function of a frame (frames, states, count);
+        of a rollout the accelerations of its first step from rest.  "NAME near": tolerances.  "NAME status", (states,):
+        PASSES, FAILS or UNCERTAIN.  "NAME places" and "NAME weights" as in ``Answer``.
+    """
+    with np.errstate(all="ignore"):
+        found = _Reference(equations, states).arrays()
+    return {name: np.asarray(array) for name, array in found.items()}
+
+
+def within(wanted: Array, near: Array, dtype: str) -> Array:
+    """Return by how much a compiled number may differ from one that is wanted; infinite where it is not compared."""
+    known, info = np.isfinite(wanted) & np.isfinite(near), np.finfo(dtype)
+    return np.where(known, near + ROUNDING * float(info.eps) * np.abs(wanted) + float(info.tiny), np.inf)
+
+
+class _Reference:
+    """Lanes are the states, then copies of the first state, then those of the second one, and so on."""
+
+    def __init__(self, equations: Equations, states: int) -> None:
         self.equations, self.model, self.dtype = equations, equations.model, equations.dtype
         dtype = self.dtype
-        rng, copies = np.random.default_rng(1), STATES * COPIES
+        rng, copies = np.random.default_rng(1), states * COPIES
         off = UNITS * float(np.finfo(dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
-        self.rounding = np.concatenate([np.ones((_ROWS, STATES)), 1.0 + off], axis=1)
+        self.rounding = np.concatenate([np.ones((_ROWS, states)), 1.0 + off], axis=1)
         known = signatures_of(equations.model)
         self.functions = [x for x in functions(equations.kernels, known) if x.kind != "gradient"]
         sizes = equations.interface["shapes"]
         read = sorted({*INPUTS & sizes.keys()} | {array for x in self.functions for array in x.signature.reads})
-        self.states = {name: _random(rng, (STATES, int(np.prod(sizes[name])))).astype(dtype) for name in read}
+        self.states = {name: _random(rng, (states, int(np.prod(sizes[name])))).astype(dtype) for name in read}
         values = np.array(list(self.model.parameters.values()))
         values = values * (1.0 + 0.1 * rng.uniform(-1.0, 1.0, values.shape))
         self.p = np.concatenate([values, np.zeros(len(self.model.turning))]).astype(dtype)
-        copied = [*range(STATES), *np.repeat(np.arange(STATES), COPIES)]
+        copied = [*range(states), *np.repeat(np.arange(states), COPIES)]
         self.inputs = {name: array[copied].T for name, array in self.states.items()}
         p = np.repeat(self.p[:, np.newaxis], len(copied), axis=1)
         setup = evaluate_lanes(equations.setup, {"p": p}, dtype, rounding=self.rounding)
@@ -161,13 +176,14 @@ class _Reference:
         return Answer(found["out"], next(pivots, None))
 
     def _status(self, pivots: Array | None) -> Array:
+        states = _states_of(self.rounding)
         if pivots is None:
-            return np.full(STATES, PASSES)
+            return np.full(states, PASSES)
         limit = pivots.dtype.type(PIVOT_LIMITS[self.dtype])
         fails = ~(pivots[::2] > limit * pivots[1::2]).all(axis=0)
-        copies = fails[STATES:].reshape(STATES, COPIES)
-        certain = (copies == fails[:STATES, np.newaxis]).all(axis=1)
-        return np.where(certain, np.where(fails[:STATES], FAILS, PASSES), UNCERTAIN)
+        copies = fails[states:].reshape(states, COPIES)
+        certain = (copies == fails[:states, np.newaxis]).all(axis=1)
+        return np.where(certain, np.where(fails[:states], FAILS, PASSES), UNCERTAIN)
 
 
 def _random(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
@@ -175,18 +191,23 @@ def _random(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     return np.asarray(rng.uniform(0.25, 1.0, shape) * rng.choice((-1.0, 1.0), shape))
 
 
+def _states_of(lanes: Array) -> int:
+    """Count the states of lanes, (..., states and their copies)."""
+    return int(lanes.shape[-1]) // (1 + COPIES)
+
+
 def _measured(answer: Answer) -> tuple[Array, Array]:
-    near = _tolerances(answer.numbers)
+    near, states = _tolerances(answer.numbers), _states_of(answer.numbers)
     if answer.error is not None:
-        near += np.abs(answer.error[:, :STATES].T)
-    return answer.numbers[:, :STATES].T, near
+        near += np.abs(answer.error[:, :states].T)
+    return answer.numbers[:, :states].T, near
 
 
 def _tolerances(lanes: Array) -> Array:
-    """Return tolerances (STATES, count) of numbers (count, lanes); infinity where a state or a copy is not finite."""
-    wide = lanes.astype(np.float64)
-    copies = wide[:, STATES:].reshape(len(wide), STATES, COPIES)
-    off = np.abs(copies - wide[:, :STATES, np.newaxis]).max(axis=2)
+    """Return tolerances (states, count) of numbers (count, lanes); infinity where a state or a copy is not finite."""
+    wide, states = lanes.astype(np.float64), _states_of(lanes)
+    copies = wide[:, states:].reshape(len(wide), states, COPIES)
+    off = np.abs(copies - wide[:, :states, np.newaxis]).max(axis=2)
     near: Array = SAFETY * np.where(np.isfinite(off), off, np.inf)
     return near.T
 
@@ -201,8 +222,9 @@ def _contracted(of: _Reference, column: str) -> Answer:
 def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer | None:
     """Take the derivative along a direction of all inputs by central differences in double precision.
 
-    Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs.  Where rows
-    of constraints are redundant no random state fulfils them, and what the function returns there is not a derivative.
+    Copies are rounded alike on both sides, so that their derivatives differ as those of rounded programs; what the two
+    sides themselves are rounded off by, divided by their distance, is added.  Where rows of constraints are redundant
+    no random state fulfils them, and what the function returns there is not a derivative.
     """
     n = of.model.size  # of rates
     closing = next((x for x in calls if SIGNATURES[x].writes == "closing"), None)
@@ -211,17 +233,18 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     names = [name for name in ("q", "v", "z", "u", "forces") if name in of.states]
     moved = {name: np.asarray(of.states[name][0], np.float64) for name in names}
 
-    def difference(step: float) -> Array:
+    def difference(step: float) -> tuple[Array, Array]:
         ahead, back = (
             of.accelerations(calls, "float64", **{x: of.inputs[x] + s * d[:, np.newaxis] for x, d in moved.items()})
             for s in (step, -step)
         )
-        return np.asarray((ahead["out"] - back["out"]) / (2.0 * step))
+        return np.asarray((ahead["out"] - back["out"]) / (2.0 * step)), ahead["out"]
 
-    fine, coarse = difference(INCREMENT), difference(2.0 * INCREMENT)
+    (fine, ahead), (coarse, _) = difference(INCREMENT), difference(2.0 * INCREMENT)
     places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
     pivots = of.accelerations(calls, of.dtype).get("pivot")
     error = np.abs(fine - coarse)
+    error[:, :STATES] += _tolerances(ahead).T / (SAFETY * INCREMENT)
     if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
     return Answer(fine, pivots, error, places, np.concatenate(_columns(of.model, moved)))
@@ -239,12 +262,13 @@ def _columns(model: Model, moved: Mapping[Any, Array]) -> Array:
 
 
 def _rows_are_independent(of: _Reference, closing: str) -> bool:
-    """Return whether rows of the constraints' Jacobian that do not vanish are independent in both states."""
+    """Return whether rows of the constraints' Jacobian that do not vanish are independent in all states."""
     n, m, lanes, at = len(of.model.coordinates), len(of.model.constraints), of.rounding.shape[1], 0
     D = of.run(closing, a=np.zeros((n, lanes)), multipliers=np.zeros((m, lanes)))["out"]
-    J = np.zeros((STATES, m, n))
+    states = _states_of(of.rounding)
+    J = np.zeros((states, m, n))
     for block in row_blocks(of.model):
-        rows = D[at : at + block.size, :STATES].T.reshape(STATES, block.rows, -1)
+        rows = D[at : at + block.size, :states].T.reshape(states, block.rows, -1)
         J[:, block.first : block.first + block.rows, list(block.columns)] = rows
         at += 3 * block.size + len(block.columns) ** 2
     J[:, :, list(of.model.prescribed)] = 0.0

@@ -93,7 +93,7 @@ def device_functions(operations: Operations, scalar: Scalar) -> list[dict[str, A
     """Return names, arguments and values of the functions of operations, with literals of the precision."""
 
     def written(c: str) -> str:
-        return re.sub(r"\bC\((.*?)\)", lambda found: scalar.literal(float(found[1])), c)
+        return re.sub(r"\bC\(([^()]*)\)", lambda found: scalar.literal(float(found[1])), c)
 
     called = (operation for operation in operations.values() if operation.function)
     return [{"name": x.function, "arguments": x.arguments, "value": written(x.c)} for x in called]

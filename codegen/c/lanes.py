@@ -74,21 +74,24 @@ def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
     return equations.calls.get(name, (name,))
 
 
-def functions_of_libraries(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str, ...]]:
+def functions_of_libraries(
+    equations: Equations, *, batches: bool = True, scalar: bool = False
+) -> dict[str, tuple[str, ...]]:
     """List the functions of the scalar and of the batch library, without the robot's name in front.
 
     The library "singles" has those for one state, and batches that call these state by state; "batches" has those that
-    work on vectors.  Each begins with "setup", which a library of both has once.
+    work on vectors.  Each begins with "setup", which a library of both has once.  With ``scalar`` none work on vectors.
     """
     known = functions(equations.kernels, signatures_of(equations.model))
     singles = [function.name for function in known]
     singles += [f"{x.name}_joined" for x in known if x.signature.in_balances and x.signature.is_joined]
     if not batches:
         return {SINGLES: ("setup", *singles)}
-    vectors = [f"{function.name}_batch" for function in functions(batched(equations))]
+    vectors = [] if scalar else [f"{function.name}_batch" for function in functions(batched(equations))]
     alone = {function.name for function in functions(equations.kernels) if function.kind == "gradient"}
     looped = [f"{x.name}_batch" for x in known if f"{x.name}_batch" not in vectors and x.name not in alone]
-    return {SINGLES: ("setup", *singles, *looped), BATCHES: ("setup", *vectors)}
+    halves = {SINGLES: ("setup", *singles, *looped)}
+    return halves if scalar else {**halves, BATCHES: ("setup", *vectors)}
 
 
 @dataclass(frozen=True)

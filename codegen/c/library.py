@@ -9,6 +9,8 @@ from functools import cache
 
 FOLDER = "clib"  # of eomgen, and beside a robot's file
 LINKED = "EOM_LINKED"  # macro of robots' files that are linked with the library's objects
+SETUP_ONLY = "EOM_SETUP_ONLY"  # macro that leaves of a robot's file what h is made by
+_DIRECTIVE = re.compile(r"\s*#\s*(if|ifdef|ifndef|else|elif|endif|define|include)\b\s*(.*?)\s*$")
 _TYPES = ("eom.h", "eom_types.h")
 
 
@@ -20,14 +22,49 @@ def library_files() -> dict[str, str]:
     return {f"{FOLDER}/{name}": folder.joinpath(name).read_text(encoding="ascii") for name in names}
 
 
-@cache
-def public_headers() -> tuple[str, ...]:
-    """List eom.h and what it includes: all that a robot's header needs of the library."""
-    files, wanted = library_files(), [f"{FOLDER}/eom.h"]
-    for place in wanted:
-        included = re.findall(r'^#include "(.+)"$', files[place], flags=re.MULTILINE)
-        wanted += [f"{FOLDER}/{name}" for name in dict.fromkeys(included) if f"{FOLDER}/{name}" not in wanted]
-    return tuple(wanted)
+def included_files(*codes: str) -> dict[str, str]:
+    """Return those of the library's files that a robot's files include, compiled alone, and all that these include."""
+    files, found = library_files(), dict[str, str]()
+
+    def follow(text: str, known: set[str], folder: str) -> None:
+        taken, closed = [True], [False]  # closed: another part of the condition holds
+        for line in re.sub(r"\\\n", " ", text).splitlines():
+            if match := _DIRECTIVE.match(line):
+                word, rest = match.groups()
+                if word in ("if", "ifdef", "ifndef"):
+                    condition = {"if": rest, "ifdef": f"defined({rest})", "ifndef": f"!defined({rest})"}[word]
+                    holds = _holds(condition, known)
+                    taken.append(taken[-1] and holds is not False)
+                    closed.append(holds is True)
+                elif word == "endif":
+                    taken.pop()
+                    closed.pop()
+                elif word in ("else", "elif"):
+                    taken[-1] = taken[-2] and not closed[-1]
+                elif taken[-1] and word == "define":
+                    known.add(rest.split("(")[0].split()[0])
+                elif taken[-1] and (place := f"{folder}{rest[1:-1]}") in files:
+                    found[place] = files[place]
+                    follow(files[place], known, f"{FOLDER}/")
+
+    for code in codes:
+        follow(code, set(), "")
+    return dict(sorted(found.items()))
+
+
+def _holds(condition: str, known: set[str]) -> bool | None:
+    """Whether a condition of the preprocessor holds where some macros are defined; None where they do not decide it."""
+
+    def defined(term: str) -> bool | None:
+        match = re.fullmatch(r"(!?)defined\((\w+)\)", term.strip())
+        return None if match is None else (match[2] in known) != bool(match[1])
+
+    condition = condition.partition("/*")[0]
+    if "||" not in condition:
+        values = [defined(term) for term in condition.split("&&")]
+        return False if False in values else None if None in values else True
+    values = [defined(term) for term in condition.split("||")]
+    return True if True in values else None if None in values else False
 
 
 @cache

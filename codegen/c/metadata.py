@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,8 +20,10 @@ from .contexts import kept_of_a_step, statuses
 from .lanes import functions_of_libraries
 from .operation_counts import operations
 
+WIDTH = 120  # of lines
 
-def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, Any]:
+
+def kernel_metadata(equations: Equations, *, batches: bool = True, scalar: bool = False) -> dict[str, Any]:
     """Return plain values for JSON: the interface of the equations, operations, zeros, functions of both libraries."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     kept = {name: number for name, number in kept_of_a_step(model).items() if name in equations.kernels}
@@ -29,13 +32,25 @@ def kernel_metadata(equations: Equations, *, batches: bool = True) -> dict[str, 
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
-        "halves": functions_of_libraries(equations, batches=batches),
+        "halves": functions_of_libraries(equations, batches=batches, scalar=scalar),
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_tolerances(model) if any(KERNELS[name].kind == "adaptive" for name in equations.kernels) else {}),
         **({"kept": kept} if kept else {}),
         **({"inertial": inertial_parameters(model)} if "regressor" in _written(equations.kernels) else {}),
         **({"redundant": is_redundant(model)} if "settling" in _written(equations.programs) else {}),
     }
+
+
+def json_text(value: Any, indent: int = 0, before: int = 0) -> str:
+    """Return JSON in which everything that fits on a line stands on one."""
+    flat = json.dumps(value)
+    if len(flat) + indent + before < WIDTH or not isinstance(value, (dict, list)):
+        return flat
+    margin, (begin, end) = " " * (indent + 1), "{}" if isinstance(value, dict) else "[]"
+    keys = [f"{json.dumps(key)}: " for key in value] if isinstance(value, dict) else [""] * len(value)
+    values = value.values() if isinstance(value, dict) else value
+    lines = [f"{margin}{key}{json_text(x, indent + 1, len(key))}" for key, x in zip(keys, values, strict=True)]
+    return f"{begin}\n" + ",\n".join(lines) + f"\n{margin[1:]}{end}"
 
 
 def _written(names: Iterable[str]) -> set[str]:

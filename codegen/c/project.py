@@ -13,8 +13,9 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import Function, functions, signature_table
-from .library import public_headers
+from ..kernels.signatures import BATCHES, Function, functions, signature_table
+from .library import included_files
+from .names import name_tables, safe
 from .scalar_types import SCALARS
 from .source import environment
 
@@ -22,26 +23,14 @@ BY_VALUE = 8192  # numbers that a function of C++ returns by value: they lie on 
 IEEE = "-fno-fast-math"  # a whole project's -ffast-math would take NaN for a number
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os", "-Og", "-Ofast", "-Oz")
 
-# Keywords up to C++23, alternative operators, std, and macros that compilers or common headers define in small letters.
-TAKEN = frozenset(
-    """
-    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class compl
-    concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype default delete
-    do double dynamic_cast else enum explicit export extern false float for friend goto if inline int long mutable
-    namespace new noexcept not not_eq nullptr operator or or_eq private protected public register reinterpret_cast
-    requires return short signed sizeof static static_assert static_cast struct switch template this thread_local throw
-    true try typedef typeid typename union unsigned using virtual void volatile wchar_t while xor xor_eq
-    std posix linux unix i386 assert errno stdin stdout stderr complex imaginary near far small interface major minor
-    emit signals slots foreach NULL EOF TRUE FALSE NAN INFINITY OVERFLOW UNDERFLOW DOMAIN SING I
-    """.split()  # noqa: SIM905
-)
 
-
-def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, str]:
+def project_files(meta: Mapping[str, Any], header: str, flags: Sequence[str]) -> dict[str, str]:
     """Return names and texts of files that make a generated package a C and C++ project, beside its .h and .c.
 
     Args:
         meta: of ``metadata``, as in the package's .json.
+        header: text of the package's .h.
+        flags: of the compiler.
     """
     name = meta["name"]
     level = next((flag for flag in reversed(flags) if flag in LEVELS), "-O2")
@@ -51,7 +40,8 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "numeric_version": _numeric(__version__),
         "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
         "level": level,
-        "library_headers": public_headers(),
+        "codes": [f"{name}.c", *([f"{name}_batch.c"] if BATCHES in meta["halves"] else [])],
+        "library_headers": list(included_files(header)),
     }
     templates = {
         "CMakeLists.txt": "package/CMakeLists.txt.jinja",
@@ -60,7 +50,6 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
     }
     files = {file: environment().get_template(template).render(context) for file, template in templates.items()}
     for file, template in (
-        (f"{name}_names.h", "package/kernel_names.h.jinja"),
         (f"{name}.hpp", "package/kernel.hpp.jinja"),
         (f"{name}_mex.c", "package/kernel_mex.c.jinja"),
     ):
@@ -98,7 +87,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "rates": n + states,
         "inputs": n + drives,
         "hoisted": max(meta["hoisted"], 1),
-        "tables": _tables(meta),
+        "tables": name_tables(meta),
         "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
         "functions": described,
         "most": max((max(len(x["reads"]), len(x["shape"])) for x in described), default=1),
@@ -107,14 +96,6 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "m": len(meta.get("constraints", ())),
         "statuses": meta.get("statuses", n),
     }
-
-
-def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return tables of names by which arrays are numbered, with identifiers; frames' numbers have a separate type."""
-    names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
-    names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
-    names |= {"state": meta["internal_states"]} if "internal_states" in meta else {}
-    return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]
 
 
 def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
@@ -136,21 +117,3 @@ def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[s
 def view(shape: Sequence[int]) -> str:
     """Return rows and columns of an array as arguments of a template: leading axes are rows of rows."""
     return str(shape[0]) if len(shape) == 1 else f"{math.prod(shape[:-1])}, {shape[-1]}"
-
-
-def safe(name: str) -> str:
-    """Return the name, with _ behind it where it is a word of C++."""
-    return f"{name}_" if name in TAKEN else name
-
-
-def identifiers(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Pair each name with a distinct identifier of C++: joint1_x of "joint1.x"."""
-    pairs: list[tuple[str, str]] = []
-    used: set[str] = set()
-    for name in names:
-        identifier = safe(re.sub(r"\W", "_", name))
-        while identifier in used:
-            identifier += "_"
-        used.add(identifier)
-        pairs.append((name, identifier))
-    return pairs

@@ -12,7 +12,7 @@ from typing import Any
 from eomgen._version import __version__
 from eomgen.errors import InputError
 
-from .project import safe
+from .names import safe
 from .source import environment
 
 TEMPLATES = {

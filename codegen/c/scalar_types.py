@@ -2,11 +2,55 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+import re
+import textwrap
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from eomgen.errors import InputError
+
+from ..program.traced import Traced, origin_of
+from .wrapping import COLUMNS
+
+UNKNOWN = "constant of the equations: of a threshold, a series, bending modes or a measured curve"
+
+DIGITS = 4  # of literals that stand in expressions; longer ones are named
+
+
+class Constants:
+    """Named constants of a robot's files: numbers of more than DIGITS digits, with what each comes from."""
+
+    def __init__(self) -> None:
+        self._names: dict[str, str] = {}
+        self._origins: dict[str, str] = {}
+
+    def named(self, literal: str, number: float) -> str:
+        """Return a literal, or its name where it is long; it is that of the size of ``number``."""
+        if len(re.sub(r"e.*|[^\d]", "", literal).strip("0")) <= DIGITS:
+            return literal
+        name = self._names.setdefault(literal, f"EOM_C{len(self._names)}")
+        if isinstance(number, Traced) and name not in self._origins:
+            self._origins[name] = origin_of(-number if number < 0.0 else number)
+        return name
+
+    def definitions(self, code: str) -> str:
+        """Return macros of the constants that are used in a file's code."""
+        used = set(re.findall(r"\bEOM_C\d+\b", code))
+        return "".join(
+            _definition(name, literal, self._origins.get(name, UNKNOWN))
+            for literal, name in self._names.items()
+            if name in used
+        )
+
+
+def _definition(name: str, literal: str, origin: str) -> str:
+    line = f"#define {name} {literal} /* {origin} */"
+    if len(line) <= COLUMNS:
+        return f"{line}\n"
+    comment = textwrap.fill(f"/* {origin} */", COLUMNS, subsequent_indent=" * ", break_long_words=False)
+    return f"{comment}\n#define {name} {literal}\n"
 
 
 @dataclass(frozen=True)
@@ -18,6 +62,7 @@ class Scalar:
     spread: macro that makes a vector of a number; empty where numbers are no vectors.
     inner: type of the numbers in a vector; empty where they are none.
     apart: whether each state of a vector has other parameters.
+    constants: long literals of values, which are named in front of the code; None where they are written in place.
     """
 
     name: str
@@ -25,6 +70,7 @@ class Scalar:
     spread: str = ""
     inner: str = ""
     apart: bool = False
+    constants: Constants | None = field(default=None, compare=False)
 
     @property
     def number(self) -> str:
@@ -43,6 +89,13 @@ class Scalar:
     def whole(self, text: str) -> str:
         """Write a number where a value of this type has to stand."""
         return f"{self.spread}({text})" if self.spread else text
+
+    def constant(self, number: float) -> str:
+        """Write a constant of a program: its literal, or the name of a long one."""
+        if self.constants is None or not math.isfinite(number):
+            return self.literal(number)
+        name = self.constants.named(self.literal(abs(float(number))), number)
+        return f"-{name}" if math.copysign(1.0, number) < 0.0 else name
 
     def literal(self, number: float) -> str:
         """Write a literal that reads back as the same number.

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 class Source:
     """Texts to compile: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
 
+    ``code`` is for one state at a time, ``batch_code`` for several; it is empty without functions for batches.
     ``statements`` is the length of the code in values, and ``longest`` that of its longest program.  ``cdefs`` are the
     declarations of each half of the code, and ``half`` is the one that is to be compiled, without a name both.
     """
@@ -24,6 +25,7 @@ class Source:
     name: str
     header: str
     code: str
+    batch_code: str
     cdef: str
     meta: str
     statements: int
@@ -34,7 +36,18 @@ class Source:
     @property
     def files(self) -> dict[str, str]:
         """Header, code and the library that they include, by their places in one folder."""
-        return {f"{self.name}.h": self.header, f"{self.name}.c": self.code, **library_files()}
+        return {f"{self.name}.h": self.header, **self.codes, **library_files()}
+
+    @property
+    def codes(self) -> dict[str, str]:
+        """The files to compile, by their names: the one for one state, and the one for several if there is one."""
+        batch = {f"{self.name}_batch.c": self.batch_code} if self.batch_code else {}
+        return {f"{self.name}.c": self.code, **batch}
+
+    @property
+    def halves(self) -> tuple[str, ...]:
+        """Which halves of the code are to be compiled."""
+        return (self.half,) if self.half else tuple(self.cdefs)
 
     def only(self, half: str) -> Source:
         """Return the source to compile one half alone: "singles" or "batches", or both without a name."""

@@ -24,6 +24,7 @@ INLINE = 72  # longest expression, in characters, that is written into another o
 _BRACKETS = re.compile(r"\([^()]*\)")
 ARRAYS = ("h", "p", "q", "v", "a", "u", "wrench", *ANGULAR.values(), GIVEN)  # that no signature lists, in this order
 NO_STOPS: Mapping[int, int] = MappingProxyType({})
+NO_NAMES: Mapping[str, str] = MappingProxyType({})
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -65,6 +66,7 @@ def write_function(
     stops: Mapping[int, int] = NO_STOPS,
     ending: str = "",
     chunk: int = 0,
+    names: Mapping[str, str] = NO_NAMES,
 ) -> Function:
     """Write a program as statements of C.
 
@@ -74,9 +76,10 @@ def write_function(
         stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
         ending: statement that ends the function where a gate is shut.
         chunk: values per function; 0: CHUNK.
+        names: what stands at places of outputs, such as "out[7]", for comments.
     """
     arrays = tuple(a for a in ARRAYS if a in program.inputs()) if signature is None else ("h", *signature.reads)
-    writer = _Writer(program, scalar, turning, stops, ending, chunk or CHUNK)
+    writer = _Writer(program, scalar, turning, stops, ending, chunk or CHUNK, names)
     chunks = writer.chunks()
     texts = ["\n".join(chunk) for chunk in chunks]
     unused = [[a for a in arrays if not reads(text, a)] for text in texts]
@@ -163,8 +166,16 @@ class _Writer:
     """Writes the statements of one program."""
 
     def __init__(
-        self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int], ending: str, chunk: int
+        self,
+        program: Program,
+        scalar: Scalar,
+        turning: bool,
+        stops: Mapping[int, int],
+        ending: str,
+        chunk: int,
+        names: Mapping[str, str],
     ) -> None:
+        self.names = names
         self.program, self.scalar, self.stops, self.ending = program, scalar, stops, ending
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}
@@ -235,14 +246,14 @@ class _Writer:
                 lines[chunk].append(f"/* {note} */")
                 note = ""
             if index in self.stores and self.count[index] == len(self.stores[index]):
-                lines[chunk].extend(_stored(self.stores[index], expression))
+                lines[chunk].extend(self._stored(self.stores[index], expression))
                 continue
             lines[chunk].append(f"const {self.scalar.name} t{index} = {expression};")
             text[index] = f"t{index}"
             if index in self.slots:
                 lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
             if index in self.stores:
-                lines[chunk].extend(_stored(self.stores[index], f"t{index}"))
+                lines[chunk].extend(self._stored(self.stores[index], f"t{index}"))
         return lines
 
     def _constant_outputs(self) -> Iterator[str]:
@@ -258,20 +269,28 @@ class _Writer:
             positions = [position for name, position in self.program.outputs if name == array]
             first, size = min(positions), 1 + max(positions)  # in front of a run's places stand those of others
             zero = self.scalar.whole(self.scalar.literal(0.0))
-            yield f"for (size_t i = {first}{'U' if first else ''}; i < {size}U; ++i) {{ {array}[i] = {zero}; }}"
+            rest = " /* all but the following */" if self.names else ""
+            yield f"for (size_t i = {first}{'U' if first else ''}; i < {size}U; ++i) {{ {array}[i] = {zero}; }}{rest}"
         for index, places in self.stores.items():
             if index not in self.chunk_of:
                 leaf = self._leaf(index)
                 kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
                 if kept:
-                    yield from _stored(kept, self._whole(index, leaf))
+                    yield from self._stored(kept, self._whole(index, leaf))
+
+    def _stored(self, places: Sequence[str], value: str) -> list[str]:
+        """Write statements that store one value at each of the places; an expression is computed once."""
+        again = value if re.fullmatch(r"[\w.]+", value) else places[0]
+        notes = [f" /* {self.names[place]} */" if place in self.names else "" for place in places]
+        sources = (value, *[again] * len(places))
+        return [f"{place} = {x};{note}" for place, x, note in zip(places, sources, notes, strict=False)]
 
     def _leaf(self, index: int) -> str:
         instruction = self.program.instructions[index]
         if index in self.turns:
             return self.turns[index]
         if instruction.op == "const":
-            return self.scalar.literal(instruction.leaf)
+            return self.scalar.constant(instruction.leaf)
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
 
     def _handed(self, arg: int, known: dict[int, str], lines: list[str]) -> str:
@@ -309,12 +328,6 @@ class _Writer:
         if " " in operation.form:
             return operation.form.format(first, *map(_term, others))
         return operation.form.format(_factor(first, leading=len(args) > 1), *map(_factor, others))
-
-
-def _stored(places: Sequence[str], value: str) -> list[str]:
-    """Write statements that store one value at each of the places; an expression is computed once."""
-    again = value if re.fullmatch(r"[\w.]+", value) else places[0]
-    return [f"{place} = {source};" for place, source in zip(places, (value, *[again] * len(places)), strict=False)]
 
 
 def _is_sum(text: str) -> bool:

@@ -1,18 +1,20 @@
-"""Coefficients of explicit and Rosenbrock methods as C: clib/tableaus.h, rendered from the table of methods.
+"""Coefficients of explicit and Rosenbrock methods as C, rendered from the table of methods.
 
-python -m eomgen.codegen.c.tableaus > src/eomgen/clib/tableaus.h
+python -m eomgen.codegen.c.tableaus src/eomgen/clib
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.runtime.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
+from eomgen.kernel.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
 
 STAGES = 6  # EXPLICIT_STAGES and ROSENBROCK_STAGES of clib/methods.h, for which workspaces have room
 KINDS = {EXPLICIT: "EXPLICIT_KIND", ROSENBROCK: "ROSENBROCK_KIND"}
@@ -114,8 +116,8 @@ def _error_control(method: IntegrationMethod) -> str:
     )
 
 
-def render_tableaus(table: Sequence[IntegrationMethod] = TABLE) -> str:
-    """Return the text of clib/tableaus.h.
+def render_tableaus(table: Sequence[IntegrationMethod] = TABLE) -> dict[str, str]:
+    """Return the texts of clib/explicit_tableaus.h and clib/tableaus.h by these names.
 
     Raises:
         ValueError: a method has more stages than there is room for.
@@ -126,26 +128,30 @@ def render_tableaus(table: Sequence[IntegrationMethod] = TABLE) -> str:
             raise ValueError(f"{method.name}: allowed: {STAGES} stages; workspaces of clib/eom.h have room for no more")
     adaptive = [row for row in table if row.library == "C" and row.embedded]
     numbers = {row.name: i for i, row in enumerate(adaptive)}
-    text = [
-        "/* tableaus.h: coefficients of methods, which make methods renders from eomgen's table; see methods.h. */\n"
-    ]
-    for kind, rows, write in (("explicit", explicit, _explicit), ("rosenbrock", rosenbrock, _rosenbrock)):
+    files = {}
+    families = (
+        ("explicit_tableaus.h", "explicit", explicit, _explicit),
+        ("tableaus.h", "rosenbrock", rosenbrock, _rosenbrock),
+    )
+    for file, kind, rows, write in families:
         each = " ".join(f"DO({numbers[row.name]}, {i})" for i, row in enumerate(rows) if row.embedded)
-        text += [
+        files[file] = [
+            f"/* {file}: coefficients of methods, which make methods renders from eomgen's table; see methods.h. */\n",
             f"\n/* {', '.join(row.name for row in rows)} */\n",
             f"static const EOM({kind}_method) eom_{kind}_methods[] = {{\n",
             *map(write, rows),
             "};\n\n/* Numbers of those with error control, and their places above. */\n",
             f"#define EOM_EACH_{kind.upper()}(DO) {each}\n",
         ]
-    text += [
+    files["tableaus.h"] += [
         f"\n/* {', '.join(numbers)} */\n",
         "static const eom_error_control eom_error_controls[] = {\n",
         *map(_error_control, adaptive),
         "};\n",
     ]
-    return "".join(text)
+    return {file: "".join(text) for file, text in files.items()}
 
 
 if __name__ == "__main__":
-    print(render_tableaus(), end="")
+    for name, content in render_tableaus().items():
+        Path(sys.argv[1], name).write_text(content, encoding="ascii")

@@ -15,7 +15,8 @@ import sympy as sp
 from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
-from eomgen.names import parameter_name, parameter_path, split_component
+from eomgen.identifiers import parameter_path
+from eomgen.names import parameter_name, split_component
 from eomgen.robot.coordinates import MODE, force_unit_of, unit_of
 from eomgen.robot.elements import MATRICES
 from eomgen.robot.elements.joint_damping import MOVED

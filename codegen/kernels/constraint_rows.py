@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eomgen.arrays import independent_columns, rank_of
+from eomgen.kernel.turning import ON, seen, singular_joints
 from eomgen.robot.model import Model
-from eomgen.runtime.turning import ON, seen, singular_joints
 
 from ..program.ir import Node, evaluate, finish
 from ..solve.rows import DERIVING, DERIVING_INDEPENDENT, Precision, Row

@@ -13,6 +13,7 @@ from ..forces.elements import ELEMENTS
 from ..forces.scalar_functions import Functions
 from ..program.ir import Graph, Value
 from ..program.passes import PARAMETERS
+from ..program.traced import Traced
 from ..tree.bending import bent
 from ..tree.bound import Bound, bind
 from ..tree.composite import Rows, mass_matrix
@@ -72,7 +73,9 @@ class Derivation:
         slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
 
         def value(name: str, number: float) -> Scalar:
-            return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
+            if name in slots:
+                return self.graph.input(PARAMETERS, slots[name])
+            return Traced(number, name) if number else number
 
         self.q, self.v, self.a, self.u = (self.inputs(name) for name in "qvau")
         for place, k in enumerate(self.states if states else ()):
@@ -81,7 +84,7 @@ class Derivation:
         self.columns_of_u = list(self.u)
         for place, (i, of_drive) in enumerate(self.model.drives.items()):
             self.u[i] = self.columns_of_u[of_drive[0]] = self.graph.input("forces", place)
-        bound = bind(self.model, value, self.graph.sincos, near=regrouped)
+        bound = bind(self.model, value, self.graph.sincos, near=regrouped, named=Traced)
         self.followers = Followers(self.model, self.described, bound)
         self.followers.place(self.q)
         self.followers.follow(self.v)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 
-from .signatures import available
+from .signatures import OWN_KERNELS, available
 
+# packages
+PACKAGE = (
+    *("mass_matrix", "bias_force", "generalized_force", "external_force", "gravity", "residual", "inverse_dynamics"),
+    *("forward_dynamics", "coriolis_matrix", "kinematics", "energy", "reactions", "rollout"),
+    *("constraint_forces", "loop_reactions", "constraint", "constraint_jacobian", "cut_poses", "coupling_forces"),
+)
+ON_REQUEST = tuple(name for name in OWN_KERNELS if name not in PACKAGE)
 # mechanisms
 ASSEMBLY = ("constraint", "constraint_jacobian", "cut_poses")
 MECHANISM = ("following", "constraint_bias", "mass_matrix", "residual")
@@ -134,7 +141,7 @@ DIFFERENTIABLE: Mapping[str, Differentiable] = {
 }
 
 
-def kernel_group(of: Robot | Model, *groups: tuple[str, ...]) -> tuple[str, ...]:
+def kernel_group(of: Robot | Model, *groups: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the kernels of these groups that a robot has, each once."""
     known = available(build_model(of) if isinstance(of, Robot) else of)
     return tuple(dict.fromkeys(name for group in groups for name in group if name in known))

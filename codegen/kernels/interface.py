@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from eomgen._version import __version__
-from eomgen.names import component_name, joint_of, parameter_path
+from eomgen.identifiers import parameter_path
+from eomgen.names import component_name, joint_of
 from eomgen.robot.internal_states.drives import input_of
 from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home

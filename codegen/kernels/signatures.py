@@ -24,8 +24,6 @@ DTYPES = ("float64", "float32")  # types of kernels' numbers
 SINGLES, BATCHES = "singles", "batches"  # the C of all kernels as two libraries: for one state, and on vectors
 
 
-LIBRARY_OBJECTS = {"rollout": "fixed", "adaptive": "adaptive"}  # of the C library, that kernels of a kind call
-
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 
 CORE, MORE = "KernelMethods", "KernelFunctions"  # classes of methods: those of kernels, and of ``kernel.functions``
@@ -607,9 +605,10 @@ def library_objects(kernels: Iterable[str], half: str) -> tuple[str, ...]:
     None where that includes what it needs: the C of gradients does, which calls its equations by name.
     """
     kinds = {KERNELS[name].kind for name in kernels}
-    called = [name for kind, name in LIBRARY_OBJECTS.items() if kind in kinds]
-    singles = called if half != BATCHES and "gradient" not in kinds else []
-    return (*singles, *(f"{name}_lanes" for name in called if half != SINGLES))
+    if "adaptive" not in kinds:
+        return ()
+    singles = ("adaptive",) if half != BATCHES and "gradient" not in kinds else ()
+    return (*singles, *(("adaptive_lanes",) if half != SINGLES else ()))
 
 
 def by_kind(names: Iterable[str]) -> list[str]:

@@ -31,8 +31,9 @@ from eomgen._version import __version__
 from eomgen.errors import BuildError
 from eomgen.runtime.levels import BASE
 
-from ..c.library import LINKED
+from ..c.library import LINKED, SETUP_ONLY, included_files, library_files
 from ..c.source import Source, environment
+from ..kernels.signatures import SINGLES
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
 from .running import Compiler, identity, run_all
@@ -42,8 +43,8 @@ FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off"
 NATIVE = ("-march=native", "-ffp-contract=fast")
 LONG = 1500  # values of a program; compilers that look for vectors in so many lines find ones that wait for their parts
 NO_VECTORS = "-fno-tree-slp-vectorize"
-# Files of eomgen that are copied to their places in a package
-CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*/*.py", "runtime/*.[ch]", "clib/*.[ch]")
+# Files of eomgen that are copied to their places in a package, beside those of the C library that its C includes
+CARRIED = ("errors.py", "names.py", "runtime/*.py")
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
@@ -181,10 +182,11 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
 
 @cache
 def _hashes() -> dict[str, dict[str, str]]:
-    """Hash, by name, the files that make a package, and those that it carries; read once."""
+    """Hash, by name, the files that make a package, those that it carries, and the C library's; read once."""
     template = Path(str(importlib.resources.files("eomgen.templates"))) / PACKAGE
     makers = {"compile.py": Path(__file__), "library.py": _LIBRARY, PACKAGE: template}
-    kinds = {"package": makers, "carried": carried_files()}
+    library = {place: _root() / place for place in library_files()}
+    kinds = {"package": makers, "carried": carried_files(), "library": library}
     return {
         kind: {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
         for kind, files in kinds.items()
@@ -209,9 +211,10 @@ def carried_files() -> dict[str, Path]:
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
 
 
-def carried_contents() -> dict[str, bytes]:
-    """Return the content of ``carried_files`` by their places in a package."""
-    return {place: path.read_bytes() for place, path in carried_files().items()}
+def carried_contents(*codes: str) -> dict[str, bytes]:
+    """Return the content of ``carried_files`` and of what a package's C includes of the C library, by their places."""
+    library = {place: text.encode("ascii") for place, text in included_files(*codes).items()}
+    return {place: path.read_bytes() for place, path in carried_files().items()} | library
 
 
 def _root() -> Path:
@@ -253,7 +256,8 @@ def write_package(
     """
     name = source.name
     (folder / f"{name}.h").write_text(source.header, encoding="ascii")
-    (folder / f"{name}.c").write_text(source.code, encoding="ascii")
+    for file, text in source.codes.items():
+        (folder / file).write_text(text, encoding="ascii")
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
     package = environment().get_template(PACKAGE).render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
@@ -295,17 +299,16 @@ def _wrapper_job(ffi: Any, name: str, compiler: Compiler, folder: Path, headers:
 def _compile(
     source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, linked: Linked, beside: Sequence[list[str]]
 ) -> list[Path]:
-    """Compile a source's libraries into objects, side by side; beside them whatever else; with objects to link."""
-    halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
-    objects = [folder / "build" / f"{half}.o" for half in halves]
+    """Compile a source's files into objects, side by side; beside them whatever else; with objects to link."""
+    files = dict(zip(source.cdefs, source.codes, strict=True))  # by half
+    parts = [(files[half], [f"-D{LINKED}"] if half in linked.halves else []) for half in source.halves]
+    if SINGLES not in source.halves:
+        parts.append((files[SINGLES], [f"-D{SETUP_ONLY}"]))  # what h is made by
+    objects = [folder / "build" / f"{file}.o" for file, _ in parts]
+    begin = [*compiler.command, "-c", "-fPIC", *_first_flags(source), *flags, *_library_headers()]
     jobs = [
-        [
-            *(*compiler.command, "-c", "-fPIC", *_first_flags(source), *flags, *_only(half, source)),
-            *_library_headers(),
-            *((f"-D{LINKED}",) if half in linked.halves else ()),
-            *(str(folder / f"{source.name}.c"), "-o", str(target)),
-        ]
-        for half, target in zip(halves, objects, strict=True)
+        [*begin, *macros, str(folder / file), "-o", str(made)]
+        for (file, macros), made in zip(parts, objects, strict=True)
     ]
     run_all([*jobs, *beside])
     for number, data in enumerate(linked.objects()):
@@ -322,12 +325,6 @@ def _library_headers() -> tuple[str, ...]:
 def _first_flags(source: Source) -> tuple[str, ...]:
     """Return warnings, and what helps sources with long programs; flags behind them may take it back."""
     return (*WARNINGS, NO_VECTORS) if source.longest > LONG else WARNINGS
-
-
-def _only(half: str, source: Source) -> tuple[str, ...]:
-    """Return flags that compile one library of the source; alone it needs what h is made by."""
-    setup = ("-DEOMGEN_SETUP",) if source.half else ()
-    return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
 def _write_opening(ffi: Any, name: str, folder: Path) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from eomgen.errors import BuildError
 from eomgen.files import read_regular
-from eomgen.names import show, show_path
+from eomgen.identifiers import show_path
+from eomgen.names import show
 
 _FILE, _FILES, _WORDS = 1 << 20, 50, 10_000  # bytes of a response file; such files, and words, in one variable
 _UNSAFE = re.compile(

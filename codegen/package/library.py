@@ -13,12 +13,8 @@ from .running import Compiler, run_all
 OBJECT = "library.o"
 HIDDEN = "-fvisibility=hidden"  # each shared library calls the objects that it was linked with
 
-PARTS: Mapping[str, tuple[str, str]] = {  # file of each object of the library, and the macro that compiles it alone
-    "fixed": ("integrate.c", "EOM_FIXED_ONLY"),
-    "adaptive": ("integrate.c", "EOM_ADAPTIVE_ONLY"),
-    "fixed_lanes": ("integrate_lanes.c", "EOM_FIXED_ONLY"),
-    "adaptive_lanes": ("integrate_lanes.c", "EOM_ADAPTIVE_ONLY"),
-}
+# File of each object of the library; steps of fixed length, which are short, are compiled with a robot's equations.
+PARTS: Mapping[str, str] = {"adaptive": "integrate.c", "adaptive_lanes": "integrate_lanes.c"}
 
 
 def library_flags(flags: Sequence[str]) -> tuple[str, ...]:
@@ -30,7 +26,7 @@ def library_flags(flags: Sequence[str]) -> tuple[str, ...]:
 def library_key(compiler: Compiler, flags: Sequence[str], dtype: str, name: str) -> str:
     """Hash all that an object of the library depends on."""
     inputs: dict[str, Any] = {
-        "object": [name, *PARTS[name], dtype],
+        "object": [name, PARTS[name], dtype],
         "files": library_files(),
         "maker": Path(__file__).read_text(encoding="utf-8"),
     }
@@ -56,7 +52,6 @@ def precision_flags(dtype: str) -> tuple[str, ...]:
 
 def library_command(compiler: Compiler, flags: Sequence[str], dtype: str, name: str, folder: Path) -> list[str]:
     """Return the command that compiles an object of the library in a folder."""
-    file, macro = PARTS[name]
-    chosen = (f"-D{macro}", *precision_flags(dtype))
-    code, target = str(folder / FOLDER / file), str(folder / OBJECT)
+    chosen = ("-DEOM_ADAPTIVE_ONLY", *precision_flags(dtype))
+    code, target = str(folder / FOLDER / PARTS[name]), str(folder / OBJECT)
     return [*compiler.command, "-c", "-fPIC", *library_flags(flags), *chosen, code, "-o", target]

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .operations import ANGULAR, OPERATIONS, Operations
+from .traced import Traced
 
 Array = NDArray[Any]
 SinCos = Callable[[Any], tuple[Any, Any]]
@@ -103,7 +104,7 @@ class Graph:
 
     def constant(self, number: float) -> Node:
         """Return the number as a node (arithmetic takes plain floats just as well)."""
-        return self._node("const", (), float(number) + 0.0)
+        return self._node("const", (), (number if isinstance(number, Traced) else float(number)) + 0.0)
 
     def insert(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         """Copy a value from another program as it is, without folding."""
@@ -297,7 +298,9 @@ class Graph:
     def number(self, x: Node) -> float | None:
         """Return the number of a constant node, or None."""
         op, _, leaf = self.instructions[x.index]
-        return float(leaf) if op == "const" else None
+        if op != "const":
+            return None
+        return leaf if isinstance(leaf, Traced) else float(leaf)
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)

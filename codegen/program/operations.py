@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import series
+from .traced import Traced
 
 Rate = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Any]
 Taylor = Callable[[Any, Sequence[series.Series], series.Series, int], Any]
@@ -79,7 +80,8 @@ class Operation:
         """Return the value at these numbers; None where it is not defined or no float."""
         assert self.value is not None
         try:
-            return float(self.value(*numbers))
+            value = self.value(*numbers)
+            return value if isinstance(value, Traced) else float(value)
         except (ArithmeticError, ValueError):
             return None
 

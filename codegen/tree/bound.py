@@ -52,6 +52,7 @@ from .spatial import (
     along,
     congruence,
     is_zero,
+    mat3,
     matmul,
     matvec,
     scale,
@@ -212,6 +213,7 @@ def bind(
     sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
     *,
     near: bool = False,
+    named: Callable[[float, str], Scalar] = lambda number, _: number,
 ) -> Bound:
     """Bind bodies of the model with every number passed through ``value(name, number)``.
 
@@ -219,8 +221,10 @@ def bind(
         value: turns a named number into a scalar.
         sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
         near: whether frames move that are far from the masses behind them (``_far_joints``).
+        named: takes a number that comes from several of the description, and says from which: entries of rotations and
+            of products of poses.
     """
-    binder = _Binder(model, value, sincos)
+    binder = _Binder(model, value, sincos, named)
     robot = model.robot
     poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, ZERO))}
     placements: list[Pose] = []
@@ -236,7 +240,7 @@ def bind(
             if joint.name in far and isinstance(placed, ExactPose):
                 placed, translation = placed.split(far[joint.name])
                 back = translation @ back
-            placements.append(binder.turned(joint, placed.rounded()))
+            placements.append(binder.turned(joint, binder.rounded(placed, f"placement of {joint.name} in its parent")))
             poses[joint.child] = (len(placements) - 1, back)
             continue
         placed = parent.exact() @ placement
@@ -317,8 +321,23 @@ def _far_joints(robot: Robot) -> dict[str, tuple[int, ...]]:
 class _Binder:
     """Reads named numbers of one model through ``value``."""
 
-    def __init__(self, model: Model, value: Callable[[str, float], Scalar], sincos: Callable[[Scalar], Any]) -> None:
-        self.model, self.value, self.sincos = model, value, sincos
+    def __init__(
+        self,
+        model: Model,
+        value: Callable[[str, float], Scalar],
+        sincos: Callable[[Scalar], Any],
+        named: Callable[[float, str], Scalar],
+    ) -> None:
+        self.model, self.value, self.sincos, self.named = model, value, sincos, named
+
+    def rounded(self, pose: Pose, what: str) -> Pose:
+        """Round a pose; numbers that have lost their names on the way get one."""
+        pose = pose.rounded()
+        rotation = mat3(vec3(self._named(x, f"{what}, rotation") for x in row) for row in pose.rotation)
+        return Pose(rotation, vec3(self._named(x, f"{what}, {'xyz'[i]}") for i, x in enumerate(pose.origin)))
+
+    def _named(self, number: Scalar, what: str) -> Scalar:
+        return self.named(number, what) if type(number) is float and number not in (0.0, 1.0, -1.0) else number
 
     def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
         return vec3(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
@@ -368,7 +387,7 @@ class _Binder:
 
     def placed(self, prefix: str, placement: Placement) -> Pose:
         """Return the pose of a placement whose numbers have names that begin with ``prefix``."""
-        rotation: Mat = placement.rotation
+        rotation: Mat = mat3(vec3(self._named(x, f"{prefix}, rotation") for x in row) for row in placement.rotation)
         if placement.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
             rotation = self._rotation(self.triple(f"{prefix}.rpy", placement.rpy, "012"))
         return Pose(rotation, self.triple(f"{prefix}.xyz", placement.xyz, "012"))
@@ -392,7 +411,8 @@ class _Binder:
         """
         link = self.model.robot.link(name)
         mass = self.value(f"links.{name}.mass", link.mass)
-        at = (pose @ Pose(IDENTITY, self.triple(f"links.{name}.com", link.com))).rounded()
+        com = Pose(IDENTITY, self.triple(f"links.{name}.com", link.com))
+        at = self.rounded(pose @ com, f"centre of mass of {name} in its body")
         numbers = dict(zip(INERTIA_KEYS, link.inertia, strict=True))
         xx, yy, zz, xy, xz, yz = self._values(f"links.{name}.inertia", numbers).values()
         about_com = (
@@ -403,11 +423,11 @@ class _Binder:
         return congruence(at, PseudoInertia(about_com, ZERO, mass)), at.origin
 
     def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:
-        frames = {name: (body, pose.rounded()) for name, (body, pose) in poses.items()}
+        frames = {name: (body, self.rounded(pose, f"link {name} in its body")) for name, (body, pose) in poses.items()}
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
             placed = pose @ self.placed(f"frames.{frame.name}.placement", frame.placement)
-            frames[frame.name] = (body, placed.rounded())
+            frames[frame.name] = (body, self.rounded(placed, f"frame {frame.name} in its body"))
         return {name: frames[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
@@ -418,7 +438,7 @@ class _Binder:
             for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
                 body, pose = poses[link]
                 placed = pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)
-                sides.append((body, placed.rounded()))
+                sides.append((body, self.rounded(placed, f"loop {loop.name} in the body of {link}")))
             cuts.append((sides[0], sides[1]))
         return tuple(cuts)
 
@@ -536,7 +556,7 @@ class _Binder:
                 body, pose = poses[link]
                 name = f"{element.prefix}.{key}"
                 at = self.placed(name, end) if isinstance(end, Placement) else Pose(IDENTITY, self.triple(name, end))
-                ends.append((body, (pose @ at).rounded()))
+                ends.append((body, self.rounded(pose @ at, f"{name} in its body")))
             law = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
             numbers = self._values(element.prefix, law)
             elements.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))

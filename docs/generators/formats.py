@@ -28,7 +28,7 @@ from eomgen.forms.keys import (
     Whole,
 )
 from eomgen.forms.tables import Entries, Few, Form, Kinds, Pair, Sub
-from eomgen.names import IDENTIFIER_RULE, ROBOT_RULE
+from eomgen.identifiers import IDENTIFIER_RULE, ROBOT_RULE
 
 
 @dataclass

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 from eomgen.cli.entry import COMMANDS
-from eomgen.errors import RENAMED
 
 SUBPACKAGES = (
     *(
@@ -27,7 +26,6 @@ SUBPACKAGES = (
 )
 PACKAGES = ("eomgen", *(f"eomgen.{name}" for name in SUBPACKAGES))
 MADE_BY_EOMGEN = ("eomgen.Kernel",)  # whose constructors are no part of what stays
-OR = " or "  # between the keyword of today and those of before
 
 
 def names() -> str:
@@ -35,41 +33,6 @@ def names() -> str:
     rows = [f"| `{package}` | {', '.join(f'`{x}`' for x in public_names(package))} |" for package in PACKAGES]
     commands = ", ".join(f"`{command.name}`" for command in COMMANDS)
     return "\n".join(["| package | names |", "|---|---|", *rows, f"| command line | {commands} |"])
-
-
-def arguments() -> str:
-    """Return the arguments of all public functions, classes and methods, a line each: ``plot(response or found)``."""
-    lines = []
-    for label, function in called():
-        old = renamed_of(function)
-        shown = [OR.join([name, *(x for x in old if old[x] == name)]) for name in keywords(function)]
-        lines += [f"{label}({', '.join(shown)})\n"] if shown else []
-    return "".join(lines)
-
-
-def renamings() -> str:
-    """Return a table of the old keywords that functions still take."""
-    rows = [f"| `{label}` | `{x}` | `{new}` |" for label, f in called() for x, new in renamed_of(f).items()]
-    return "\n".join(["| function | before | now |", "|---|---|---|", *rows])
-
-
-def listed(text: str) -> dict[str, list[str]]:
-    """Return the keywords of functions, those of before too, from what ``arguments`` wrote."""
-    pairs = (line.rstrip(")").split("(") for line in text.splitlines())
-    return {label: shown.replace(OR, ", ").split(", ") for label, shown in pairs}
-
-
-def lost(text: str) -> list[str]:
-    """Return the functions of what ``arguments`` wrote that are gone, and the keywords that they take no more."""
-    gone = []
-    for label, names in listed(text).items():
-        function = function_of(label)
-        if function is None:
-            gone.append(f"{label} is gone")
-            continue
-        taken = {*keywords(function), *renamed_of(function)}
-        gone += [f"{label}: {x} is gone; rename it beside @renamed({x}=...)" for x in names if x not in taken]
-    return gone
 
 
 def called() -> Iterator[tuple[str, Any]]:
@@ -106,11 +69,6 @@ def keywords(function: Any) -> list[str]:
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     parameters = inspect.signature(function).parameters.items()
     return [name for name, x in parameters if name not in ("self", "cls") and x.kind not in variable]
-
-
-def renamed_of(function: Any) -> Mapping[str, str]:
-    """Return the old keywords of a function, each with the one of today."""
-    return {} if isinstance(function, type) else getattr(function, RENAMED, {})
 
 
 def _methods(label: str, value: Any) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 /* The PUMA 560 on its way to a pose under PD control: energy and position of the flange over time, as CSV. */
 #include <eomgen/puma560.h>
-#include <eomgen/puma560_names.h>
 
 #include <math.h>
 #include <stdio.h>

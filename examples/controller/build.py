@@ -27,7 +27,8 @@ HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "controllers.md"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 SAID = {"library": "libm's sine", "own": "its own sine"}
-SINES = {"library": "-DEOMGEN_VECTOR=0", "own": "-DEOMGEN_VECTOR=4"}  # none, or vectors of one float
+# sines of the C library, or of the polynomials in vectors of one float
+SINES = {"library": ("-DEOM_LIBM", "-DEOMGEN_VECTOR=0"), "own": ("-DEOMGEN_VECTOR=4",)}
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-ffreestanding")
 GCC = ("arm-none-eabi-gcc", "-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard", "-fstack-usage")
 # zig uses no FPU unless it is named
@@ -92,7 +93,7 @@ def built(compiler: str, sine: str, task: Task, out: Path) -> Built:
     sources = [package / f"{ROBOT}.c", *(HERE / f"{name}.c" for name in ("controller", "main", "board"))]
     for source in sources:
         if source.stem in ("controller", ROBOT):  # memcpy of a few bytes is no call
-            flags = [*WARNINGS, "-DEOMGEN_SINGLES_ONLY", SINES[sine], "-fbuiltin"]
+            flags = [*WARNINGS, *SINES[sine], "-fbuiltin"]
         else:
             flags = ["-Wall", "-Wextra", "-Werror"]
         said([*tool, *flags, "-c", str(source.resolve()), "-o", f"{source.stem}.o"], folder)

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .export import export_simt as export_simt
     from .export import export_wasm as export_wasm
     from .export import export_wheel as export_wheel
+    from .kernel import Kernel as Kernel
     from .loading import load_result as load_result
     from .pipeline import build as build
     from .pipeline import generate as generate
@@ -62,7 +63,6 @@ if TYPE_CHECKING:
     from .robot import Placement as Placement
     from .robot import Robot as Robot
     from .robot import Spring as Spring
-    from .runtime import Kernel as Kernel
     from .scenario import Scenario as Scenario
     from .scenario import load_scenario as load_scenario
     from .simulation import SimulationResult as SimulationResult

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import InputError
-from .names import plain_path, show_path
+from .identifiers import plain_path, show_path
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
 PAGE_ENDING = ".html"

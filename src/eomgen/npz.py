@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .files import as_path, open_regular
+from .identifiers import plain_path
 from .limits import MOST_TEXTS
-from .names import plain_path, show
+from .names import show
 
 VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
 _MOST_MB = 256

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
-from .errors import check_kind
+from .identifiers import check_kind
 
 Arguments = ParamSpec("Arguments")
 Returned = TypeVar("Returned")

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .names import listed, show, show_path
+from .identifiers import show_path
+from .names import listed, show
 
 LONGEST = 300  # characters of a line
 NAMED = 3  # names of a list that are shown

@@ -20,8 +20,8 @@ from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.files import read_regular
 from eomgen.identification.tolerances.table import read_table
+from eomgen.identifiers import printable
 from eomgen.motion.files import read_motion
-from eomgen.names import printable
 from eomgen.npz import read_npz
 from eomgen.pictures.shapes import urdf_shapes
 from eomgen.results.contents import write_npz

@@ -208,7 +208,7 @@ print(*[number for value in of for number in value.full().ravel().tolist()])
 def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its kernel knows where its C is; a kernel whose C is gone says so."""
     robot = eomgen.load_robot("one_link")
-    options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",), level=BASE)
+    options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",), levels=(BASE,))
     package = eomgen.generate(robot, tmp_path, options)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, package.name, raising=False)  # another test's package of this name

@@ -84,6 +84,21 @@ def test_generate_float32_and_single_kernels(tmp_path: Path) -> None:
     assert "forward_dynamics" not in header
 
 
+def test_generate_says_what_a_package_lacks(tmp_path: Path) -> None:
+    """And --kernels all has that, too."""
+    words = ("generate", "one_link", "-o", tmp_path, "--levels", "v1")
+    status, out, err = run(*words)
+    assert (status, out.strip()) == (0, str(tmp_path / "one_link"))
+    left = err.partition("note: without ")[2].partition(" and derivatives; --kernels takes")[0].split(", ")
+    assert {"adaptive_rollout", "christoffel", "generalized_momentum"} <= set(left)
+    header = tmp_path / "one_link" / "one_link.h"
+    assert not any(f" one_link_{name}(" in header.read_text() for name in left)
+    assert all(f" one_link_{name}(" in header.read_text() for name in ("mass_matrix", "reactions", "rollout"))
+    status, again, err = run(*words, "--kernels", "all")
+    assert (status, again, "note" in err) == (0, out, False)
+    assert all(f" one_link_{name}(" in header.read_text() for name in (*left, "mass_matrix", "rollout"))
+
+
 def test_simulate_writes_trajectory_and_plots_and_a_result_is_its_folder_or_its_file(tmp_path: Path) -> None:
     out, empty = tmp_path / "out", tmp_path / "empty"
     said = command("simulate", "one_link", "-o", out, "--duration", 0.2)

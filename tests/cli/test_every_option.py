@@ -32,7 +32,7 @@ from tests.support.soak import soaked
 pytestmark = pytest.mark.quick
 
 HOSTILE = ("1e300", "-1e300", "1e-300", "nan", "inf", "-inf", "1" + "0" * 400, "9" * 5000, "\x1b[2J", "", "1_0e300")
-OTHER = {"port", "fmi", "kernels"}  # a port is the system's to refuse, a version one of a few, kernels are names
+OTHER = {"port", "fmi", "kernels", "levels"}  # a port is the system's to refuse, a version one of a few; names
 
 
 def options() -> Iterator[tuple[str, argparse.Action]]:

@@ -34,8 +34,8 @@ from eomgen.identification.exciting.weighted_columns import CRITERIA as EXCITATI
 from eomgen.identification.geometry.poses import ROTATIONS
 from eomgen.identification.geometry.solve import LOSSES
 from eomgen.identification.identifiable import LINEAR, TERMS
+from eomgen.kernel.stepping.methods import METHODS
 from eomgen.pictures import Report
-from eomgen.runtime.stepping.methods import METHODS
 from tests.support.commands import command, facts, run
 from tests.support.quick_builds import answer, python
 
@@ -186,7 +186,7 @@ def test_shells_offer_what_functions_take(offered: tuple[str, ...], allowed: Any
 def test_no_words_are_left_out() -> None:
     tuples = {name for name, value in vars(choices).items() if isinstance(value, tuple)}
     assert len(tuples) == len(CHOICES)
-    assert get_args(eomgen.runtime.stepping.methods.Method) == METHODS
+    assert get_args(eomgen.kernel.stepping.methods.Method) == METHODS
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ USAGE = [  # words, and what is said, as a regular expression
             "simulate ur5 --method euler",
         )
     ),
+    ("generate one_link --levels v1 --native", "argument --native: not allowed with argument --levels"),
     ("measure simulate one_link", "invalid choice: 'simulate'"),
     # an option twice: the first value is not dropped
     ("simulate ur5 --duration 1 --duration 1", "argument --duration: given more than once; allowed: once"),
@@ -91,7 +92,8 @@ REFUSED = [
     ("check one_link --range q 0 1", "--range: given without --float32; allowed: with it"),
     ("check one_link --kernels energy", "--kernels: given without --float32; allowed: with it"),
     (f"{CHECK} --range joint7.x 0 1", "range of 'joint7.x': no such input"),
-    ("generate one_link --kernels mass_matrix,engy", "kernels: 'engy' is unknown; allowed: mass_matrix"),
+    ("generate one_link --kernels mass_matrix,engy", "kernels: 'engy' is unknown; allowed: all, mass_matrix"),
+    ("generate one_link --levels v1,v2", "levels: 'v2' is unknown; allowed: all, v1, v3, v4"),
     ("reduce bar.npz --rigid tip", "rigid: 'tip'; allowed: NAME=SET"),
     ("reduce bar.npz --stress body.x.x", "stress: 'body.x.x'; allowed: CASE=FILE"),
     ("reduce none.npz", "none.npz: cannot be read"),

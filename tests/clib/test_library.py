@@ -25,9 +25,9 @@ import eomgen
 from eomgen.codegen.c.contexts import kept_of_a_step
 from eomgen.codegen.c.library import library_files, library_types
 from eomgen.codegen.c.tableaus import render_tableaus
+from eomgen.kernel.stepping.alternation import COST, Alternation, Turn
+from eomgen.kernel.stepping.methods import ADAPTIVE, TABLE
 from eomgen.robot.model import build_model
-from eomgen.runtime.stepping.alternation import COST, Alternation, Turn
-from eomgen.runtime.stepping.methods import ADAPTIVE, TABLE
 from tests.support.method_rows import BS3, RODAS4
 from tests.support.optional import needs
 from tests.support.soak import soaked

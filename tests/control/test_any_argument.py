@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from docs.generators.public import listed
+from docs.generators.public import called, keywords
 from eomgen import control
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.names import show
@@ -20,7 +20,6 @@ from tests.control.test_inversion import carts
 from tests.runtime.test_any_argument import WRONG, wrong_errors
 from tests.support.geared_arms import two_link_arm
 
-LIST = (Path(__file__).parents[2] / "docs" / "public_arguments.txt").read_text(encoding="utf-8")
 RECORDS = ("FeedForward", "StableInversion", "Observability")  # results, which eomgen makes
 MORE: tuple[Any, ...] = (
     *(
@@ -106,5 +105,6 @@ def test_any_argument_is_taken_or_refused(calls: list[Call], tmp_path: Path, mon
 
 def test_all_arguments_are_tried(calls: list[Call]) -> None:
     tried = {function.__qualname__ for function, _ in calls}
-    public = {label.removeprefix("eomgen.control.") for label in listed(LIST) if label.startswith("eomgen.control.")}
+    labels = [label for label, function in called() if keywords(function)]
+    public = {label.removeprefix("eomgen.control.") for label in labels if label.startswith("eomgen.control.")}
     assert public - tried == set(RECORDS)

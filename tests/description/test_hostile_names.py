@@ -19,14 +19,14 @@ from eomgen.cli import entry as cli
 from eomgen.codegen.c.source import Source
 from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import InputError
-from eomgen.names import is_identifier, is_robot_name
+from eomgen.identifiers import is_identifier, is_robot_name
 from eomgen.pictures.shapes import mesh_path, urdf_shapes
 from eomgen.pipeline.generating import generate
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS, source_of, write_source
+from tests.support.c_project import WARNINGS, source_of, unwrapped, write_source
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message
 from tests.support.good_files import PLAN, SCENARIO, WORN
@@ -186,17 +186,17 @@ def plain(robot: Robot) -> Robot:
 
 def skeleton(source: Source) -> Iterator[str]:
     """What is left of the texts without words and blanks."""
-    for text in (source.header, source.code, source.cdef, source.meta):
+    for text in (source.header, *source.codes.values(), source.cdef, source.meta):
         assert text.isascii()
         assert set(filter(lambda letter: not letter.isprintable(), text)) <= {"\n"}
-        yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", text))
+        yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", unwrapped(text)))
 
 
 def compiles(source: Source, folder: Path, *flags: str) -> None:
-    write_source(source, folder)
-    command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", f"{source.name}.c", "-o", os.devnull]
-    found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    assert (found.returncode, found.stderr) == (0, "")
+    for code in write_source(source, folder):
+        command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", code.name, "-o", os.devnull]
+        found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert (found.returncode, found.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("count", [PER_ROBOT, pytest.param(NAMES, marks=pytest.mark.soak)])

@@ -13,7 +13,7 @@ from eomgen.description.load import load_robot, robot_from_mjcf
 from eomgen.description.mjcf.read import root_tag
 from eomgen.errors import DescriptionError
 from eomgen.export.mujoco import mjcf
-from eomgen.names import to_identifier
+from eomgen.identifiers import to_identifier
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Coupling, Robot

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eomgen.device.dlpack import CUDA, make_capsule
-from eomgen.runtime.kernel import Kernel
+from eomgen.kernel.complete import Kernel
 
 HERE = Path(__file__).parent / "stub"
 FLAGS = ("-D_GNU_SOURCE", "-O1", "-fPIC", "-shared")

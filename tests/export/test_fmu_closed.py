@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.runtime.kernel import Array, Kernel
+from eomgen.kernel.complete import Array, Kernel
 from tests.support.builds import Build
 from tests.support.fmu_units import (
     VERSIONS,

@@ -23,15 +23,15 @@ from eomgen.export.live.page import live_page
 from eomgen.export.live.sliders import parameter_sliders
 from eomgen.export.wasm.pack import make_wasm
 from eomgen.export.wasm.signals import as_json
+from eomgen.kernel.stepping.adaptive import adaptive_rollout
+from eomgen.kernel.stepping.options import InputStepOptions
+from eomgen.kernel.stepping.packed_inputs import plain_signal
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.splines import Spline
 from eomgen.progress import no_progress
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, INERTIA_KEYS, Robot
-from eomgen.runtime.stepping.adaptive import adaptive_rollout
-from eomgen.runtime.stepping.options import Control, InputStepOptions
-from eomgen.runtime.stepping.packed_inputs import plain_signal
-from eomgen.runtime.stepping.rollouts import Inputs
+from eomgen.runtime.rollouts import Control, Inputs
 from eomgen.scenario.value import Initial, Scenario, Section
 from eomgen.simulation.loads import combined_body
 from tests.support.bristles import bristle_arm, bristle_linkage, servo_arm, servo_axes

@@ -14,9 +14,9 @@ from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.export.mujoco import LEAST, left_out, mjcf
 from eomgen.export.mujoco_balls import positions
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Coupling, Friction, Placement, Robot
-from eomgen.runtime.kernel import Kernel
 from tests.oracles.mjcf import MjcfOracle
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.builds import Build

@@ -285,7 +285,7 @@ def test_command_writes_the_text(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (meta["contract"], meta["flags"]["cuda"]) == (True, "--fmad=true")
     assert "#define EOM_CONTRACT 1" in (tmp_path / "one_link_simt.h").read_text()
     capsys.readouterr()
-    for wrong in ("--cmake", "--ros2", "--wheel", "--native", "--level=v1", "--report=x.html"):
+    for wrong in ("--cmake", "--ros2", "--wheel", "--native", "--levels=v1", "--report=x.html"):
         assert main([*words, wrong]) != 0
         assert "--simt stands without --cmake" in capsys.readouterr().err
     assert main(["generate", "one_link", "--tile", "8"]) != 0

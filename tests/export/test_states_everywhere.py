@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import subprocess
 import sys
 import warnings
@@ -179,7 +180,7 @@ def test_python_on_arrays_has_the_kernels_numbers(make: Callable[[], Robot], bui
 def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
     """Text alone: a robot with servo drives, and one without."""
     for make, has_efforts in ((servo_arm, False), (stateful_arm, True)):
-        meta = json.loads(make_source(make(), Options(("rollout",), level=BASE)).meta)
+        meta = json.loads(make_source(make(), Options(("rollout",), levels=(BASE,))).meta)
         component = ros2_files(meta)["component.cpp"]
         assert ("message_.effort[i] =" in component) == has_efforts
         assert ("inputs of drives" in component) != has_efforts
@@ -188,7 +189,7 @@ def test_components_of_ros_2_publish_no_inputs_of_drives_as_efforts() -> None:
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The arm's generated package with its headers and its package of ROS 2."""
-    options = Options(("forward_dynamics", "energy", "rollout"), flags=("-O0",), level=BASE)
+    options = Options(("forward_dynamics", "energy", "rollout"), flags=("-O0",), levels=(BASE,))
     return generate(bristle_arm(), tmp_path_factory.mktemp("generated"), options, ros2=True)
 
 
@@ -239,10 +240,9 @@ def test_headers_name_states_and_plants_move_with_them(package: Path, tmp_path: 
     assert good == "1"
     assert float(state) == pytest.approx(motion.z[-1, 0], rel=1e-5)
     header = (package / "bristle_arm.h").read_text(encoding="ascii")
-    for place, name in (*enumerate(kernel.coordinates), *enumerate(kernel.internal_states)):
-        assert f" *   {place:3d}  {name}\n" in header
-    names = (package / "bristle_arm_names.h").read_text(encoding="ascii")
-    assert f"BRISTLE_ARM_STATE_{first.replace('.', '_')} = 0" in names
+    for key, names in (("COORDINATE", kernel.coordinates), ("STATE", kernel.internal_states)):
+        for place, name in enumerate(names):
+            assert re.search(rf"BRISTLE_ARM_{key}_{name.replace('.', '_')} = {place},? /\* {name} \*/\n", header)
     mex = (package / "bristle_arm_mex.c").read_text(encoding="ascii")
     assert f'"{first}",' in mex and 'strcmp(name, "states")' in mex  # noqa: PT018
     component = (package / "ros2" / "component.cpp").read_text(encoding="ascii")

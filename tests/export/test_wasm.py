@@ -20,12 +20,12 @@ from eomgen.errors import BuildError, InputError
 from eomgen.export.wasm import compile as compiling
 from eomgen.export.wasm import plain_loads
 from eomgen.export.wasm.pack import make_wasm
+from eomgen.kernel.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
+from eomgen.kernel.stepping.reading_inputs import input_signals
 from eomgen.progress import no_progress
 from eomgen.robot import JointStiffness
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
-from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.assembly import assemble

@@ -21,6 +21,7 @@ from eomgen.cli.entry import main
 from eomgen.errors import InputError
 from eomgen.export.wheel import platform_of, python_of
 from eomgen.pipeline.options import Options
+from eomgen.runtime.levels import LEVELS, machine_levels
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.quick
@@ -50,12 +51,19 @@ def test_the_same_robot_makes_the_same_whole_wheel(tmp_path: Path) -> None:
         assert urlsafe_b64decode(digest.removeprefix("sha256=") + "=") == hashlib.sha256(files[path]).digest()
         assert int(size) == len(files[path])
     assert f"Tag: {'-'.join(tag)}" in files[f"{info}/WHEEL"].decode().splitlines()
-    assert {"one_link/__init__.py", "one_link/one_link.json", "one_link/runtime/kernel.py"} <= set(files)
+    assert {"one_link/__init__.py", "one_link/one_link.json", "one_link/kernel/complete.py"} <= set(files)
 
 
 def test_another_content_has_another_version(tmp_path: Path) -> None:
-    names = {eomgen.export_wheel("one_link", tmp_path, Options(x)).name for x in (KERNELS, ("energy",))}
-    assert len(names) == 2
+    """Of all levels unless some are named."""
+    ways = Options(KERNELS), Options(("energy",)), Options(KERNELS, levels=("v1",))
+    wheels = [eomgen.export_wheel("one_link", tmp_path, options) for options in ways]
+    assert len({wheel.name for wheel in wheels}) == 3
+    for wheel, levels in zip(wheels, (machine_levels(), machine_levels(), ("v1",)), strict=True):
+        with zipfile.ZipFile(wheel) as archive:
+            assert {level for level in LEVELS if any(f"/{level}/" in name for name in archive.namelist())} == {
+                *levels[1:]
+            }
     refused(InputError, "native", eomgen.export_wheel, "one_link", tmp_path, Options(KERNELS, native=True))
     assert main(["generate", "one_link", "--wheel", "--cmake", "-o", str(tmp_path)]) == 1
 

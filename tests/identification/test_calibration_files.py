@@ -24,10 +24,10 @@ from eomgen.identification.geometry import solve as geometry
 from eomgen.identification.geometry.error_model import DRIVE, ErrorParameter
 from eomgen.identification.geometry.rotations import from_rpy, pose_of
 from eomgen.identification.geometry.stations import chain_of, located, matrix_of
+from eomgen.kernel.inverse_kinematics.rotations import rpy_of, vector_of
 from eomgen.motion.turns import rotation_of
 from eomgen.pictures.page import report_of
 from eomgen.robot.value import COORDINATES, Robot
-from eomgen.runtime.inverse_kinematics.rotations import rpy_of, vector_of
 from tests.support.commands import command, facts
 from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.measured_poses import TCP, Trial, arm, chain, puma, trial, turned, write_csv

@@ -17,6 +17,8 @@ from eomgen.identification.stiffness.frame_pairs import pairs_of
 from eomgen.identification.stiffness.least_squares import Noise
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.identification.stiffness.solve import fitting_kernels
+from eomgen.kernel.complete import Kernel
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.motion import write_motion
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.motion.smoothing import Differentiator
@@ -26,8 +28,6 @@ from eomgen.robot import Coordinate, JointDamping, JointStiffness, Robot
 from eomgen.robot.elements import Bushing
 from eomgen.robot.elements.matrices import PAIRS
 from eomgen.robot.value import COORDINATES, Joint, Link, Loop, Placement
-from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build

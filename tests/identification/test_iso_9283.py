@@ -21,9 +21,9 @@ from eomgen.identification.iso_9283.attained import Pose, Record
 from eomgen.identification.iso_9283.corners import corners_of
 from eomgen.identification.iso_9283.formulas import corner_overshoot, distance_to_path, scatter, stabilization
 from eomgen.identification.iso_9283.solve import figures_of
+from eomgen.kernel.inverse_kinematics.rotations import vector_of
 from eomgen.motion.turns import rotation_of
 from eomgen.pictures import plot_accuracy
-from eomgen.runtime.inverse_kinematics.rotations import vector_of
 from eomgen.scenario.load import scenario_from_values
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.driver import prepare

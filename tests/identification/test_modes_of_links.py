@@ -27,9 +27,9 @@ from eomgen.identification.consistent import with_parameters
 from eomgen.identification.stiffness.beams import beam_notes
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.identification.stiffness.result import Estimate
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.value import Frame, Robot
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
 from tests.support.joint_table import joint_table, link_table

@@ -17,9 +17,9 @@ from eomgen.identification.stiffness import output_error
 from eomgen.identification.stiffness.levenberg_marquardt import Residuals, certainty, descend
 from eomgen.identification.stiffness.output_error import output_error_kernels
 from eomgen.identification.stiffness.simulated import run_of
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.model import build_model
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
 from tests.loops.test_elastic_cuts import linkages
 from tests.support.builds import Build
 from tests.support.joint_table import joint_table, link_table

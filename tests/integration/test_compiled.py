@@ -15,19 +15,19 @@ from eomgen import InputError, SingularError
 from eomgen.integration.plan import IntegratorOptions, turns_of, why_not_in_c
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, Signal, Track
+from eomgen.kernel.stepping.methods import ADAPTIVE as NUMBERS
+from eomgen.kernel.stepping.methods import AUTO, IN_C
+from eomgen.kernel.stepping.motions import BatchMotion, SingleMotion
+from eomgen.kernel.stepping.options import NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
+from eomgen.kernel.stepping.packed_inputs import PackedInputs
+from eomgen.kernel.stepping.reading_inputs import input_signals
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
 from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track
-from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.methods import AUTO, IN_C
-from eomgen.runtime.stepping.motions import BatchMotion, SingleMotion
-from eomgen.runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, ErrorControl, rollout_of
-from eomgen.runtime.stepping.packed_inputs import PackedInputs
-from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import plan_of, run_scenario

@@ -16,19 +16,19 @@ from eomgen.errors import EomgenWarning
 from eomgen.integration import Until, integrate
 from eomgen.integration.cubics import Cubics, hermite
 from eomgen.integration.plan import why_not_in_c
+from eomgen.kernel.complete import Kernel
+from eomgen.kernel.stepping.adaptive import keep_steps
+from eomgen.kernel.stepping.input_signals import Gains, LinkWrench, Signal
+from eomgen.kernel.stepping.methods import ADAPTIVE as NUMBERS
+from eomgen.kernel.stepping.methods import IN_C
+from eomgen.kernel.stepping.motions import SingleMotion
+from eomgen.kernel.stepping.options import ErrorControl
+from eomgen.kernel.stepping.packed_inputs import PackedInputs
+from eomgen.kernel.stepping.reading_inputs import input_signals
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.motion.splines import Standstill
 from eomgen.robot import build_model
 from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
-from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.adaptive import keep_steps
-from eomgen.runtime.stepping.input_signals import Gains, LinkWrench, Signal
-from eomgen.runtime.stepping.methods import ADAPTIVE as NUMBERS
-from eomgen.runtime.stepping.methods import IN_C
-from eomgen.runtime.stepping.motions import SingleMotion
-from eomgen.runtime.stepping.options import ErrorControl
-from eomgen.runtime.stepping.packed_inputs import PackedInputs
-from eomgen.runtime.stepping.reading_inputs import input_signals
 from eomgen.simulation.controls import JointPD, actuators
 from tests.description.test_floating import HEAVY
 from tests.oracles.flyers import Flyer

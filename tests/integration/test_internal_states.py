@@ -16,7 +16,7 @@ from eomgen.integration.plan import stiff_in_real_time, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory, motion_columns
 from eomgen.integration.until import Until
-from eomgen.runtime.stepping.methods import METHODS, SUNDIALS
+from eomgen.kernel.stepping.methods import METHODS, SUNDIALS
 from tests.support.bristled import ARM, SERVO
 from tests.support.bristles import block, gear_text, rates
 from tests.support.builds import Build
@@ -178,7 +178,7 @@ class Ramp:
         return [0.2 * t]
 
     def load_data(self) -> Any:
-        from eomgen.runtime.stepping.input_signals import DriveData, Signal, Track
+        from eomgen.kernel.stepping.input_signals import DriveData, Signal, Track
 
         return DriveData(torque=Track(Signal(np.array([0.0, 20.0]), np.array([[[0.0], [0.2]]])), np.array([0])))
 

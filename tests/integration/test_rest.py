@@ -13,9 +13,9 @@ import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.integration import Rest, Trajectory, integrate, rests
 from eomgen.integration.system import System
+from eomgen.kernel.stepping.input_signals import Signal, Track, Waves
 from eomgen.motion.timetable import TimeTable
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Robot, Spring
-from eomgen.runtime.stepping.input_signals import Signal, Track, Waves
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
 from tests.support.joint_table import joint_table, link_table

@@ -19,9 +19,9 @@ from eomgen.integration.plan import IntegratorOptions, choose_method, why_stiff
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.integration.system import WORK, Advance, System
+from eomgen.kernel.stepping.methods import IN_C, METHODS
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Friction, Robot
-from eomgen.runtime.stepping.methods import IN_C, METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.recorded import scenario_from_record
 from eomgen.simulation.run import run_scenario

@@ -358,7 +358,7 @@ def test_what_stays_as_it_is_described() -> None:
 @pytest.mark.soak
 def test_the_code_of_other_robots_knows_nothing_of_it(built: Build) -> None:
     kernel = built(held_body(), *INTEGRATED)
-    for text in (kernel.raw.source("c"), kernel.raw.source("h")):
+    for text in (kernel.raw.libraries.source(f"{kernel.name}{end}") for end in (".c", "_batch.c", ".h")):
         assert "turned_setup" not in text
         assert "is_turned" not in text
     assert kernel.raw.turning == {}

@@ -17,10 +17,10 @@ from eomgen.integration.reference_motions import GlobalError, global_error
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory
 from eomgen.integration.until import Until
+from eomgen.kernel.stepping.input_signals import WORKS
+from eomgen.kernel.stepping.methods import ADAPTIVE as METHODS
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Placement, Robot
-from eomgen.runtime.stepping.input_signals import WORKS
-from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.integration.test_solve import closed_form

@@ -12,9 +12,9 @@ from eomgen.codegen.solve.drives import WEIGHINGS, least_drives
 from eomgen.codegen.solve.rows import Row
 from eomgen.errors import LoopError, UnknownNameError
 from eomgen.integration import integrate
+from eomgen.kernel.complete import Kernel
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Coupling, Placement, Robot
-from eomgen.runtime.kernel import Kernel
 from tests.oracles import closed_loops as oracle
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build

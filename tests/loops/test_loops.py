@@ -10,8 +10,8 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.integration import integrate
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Loop, Placement, Robot
-from eomgen.runtime.kernel import Kernel
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.joint_table import loop_table

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 import eomgen
 from eomgen.errors import SingularError
 from eomgen.integration import integrate
+from eomgen.kernel.complete import Kernel
 from eomgen.loops.equilibrium import closed_equilibrium
 from eomgen.robot import build_model
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.kernel import Kernel
 from tests.support.builds import Build
 from tests.support.random_robots import Array, seeds
 from tests.support.soak import soaked

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, ReachError, UnknownNameError
+from eomgen.kernel.inverse_kinematics.rotations import rotation_matrices, rpy_of, vector_of
 from eomgen.motion import inverse_kinematics
 from eomgen.motion.csv_columns import read_csv
 from eomgen.motion.exceeding import ROUND_OFF, Excess, excess_notes, excesses
@@ -21,7 +22,6 @@ from eomgen.motion.turns import rotation_of, spherical, spherical_spline
 from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.robot.value import Coordinate, Coupling, Joint, Link, Motor, Robot
-from eomgen.runtime.inverse_kinematics.rotations import rotation_matrices, rpy_of, vector_of
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, seeds

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
+from eomgen.kernel.complete import Kernel
 from eomgen.loops.redundant import Factors, Redundancy
 from eomgen.robot.coordinates import unit_of
 from eomgen.robot.joint_types import CUTS, JOINT_TYPES
-from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.singular import null_coordinates, singular_place
 from eomgen.shown import Shown
 from eomgen.state.equilibrium import known_coordinates

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.joint_types import CUTS
 from eomgen.robot.value import Robot
-from eomgen.runtime.kernel import Kernel
 
 Array = NDArray[Any]
 

@@ -25,6 +25,7 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
+from eomgen.codegen.c.library import library_files
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.package import compile as compiling
 from eomgen.description import keys as robot_keys
@@ -377,7 +378,7 @@ def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPat
     assert len(list((empty_cache / "packages").glob("*/libone_link.so"))) == 1
     assert np.array_equal(plain.mass_matrix(Q), expected.mass_matrix(Q))
     assert plain.forward_dynamics(Q, Q, Q).shape == (2,)
-    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",), level=BASE))
+    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",), levels=(BASE,)))
     assert (target / "libone_link.so").exists()
     check_alone(target, expected.mass_matrix(Q))
 
@@ -410,7 +411,7 @@ def check_alone(package: Path, expected: np.ndarray) -> None:
 
 def test_generated_package_needs_numpy_and_cffi_alone(tmp_path: Path, built: Build) -> None:
     robot = eomgen.load_robot("one_link")
-    target = generate(robot, tmp_path / "out", Options(flags=("-O0",), level=BASE))
+    target = generate(robot, tmp_path / "out", Options(flags=("-O0",), levels=(BASE,)))
     assert target == tmp_path / "out" / "one_link"
     assert not list(target.parent.glob(".making-*"))
     check_alone(target, built(robot).mass_matrix(Q))
@@ -593,7 +594,7 @@ def test_the_key_covers_every_part(changes: int, source: Source) -> None:
 
 
 def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Path) -> None:
-    """Source, compiler, flags, the machine; what is carried and how it is put together, as the files are."""
+    """Source, compiler, flags, the machine; the library, what is carried, how it is put together: as the files are."""
     parts = compiling.dependencies(source, COMPILER, FLAGS)
     assert parts["source"] == vars(source)
     assert (parts["command"], parts["compiler"]) == (["cc", "-m64"], COMPILER.version)
@@ -602,7 +603,9 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Pa
     assert parts["interface"] == compiling.interface()
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
     assert parts["carried"] == {name: sha256(package / name) for name in compiling.carried_files()}
-    assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
+    assert {"errors.py", "names.py", "runtime/package_kernel.py"} < set(parts["carried"])
+    assert parts["library"] == {name: sha256(package / name) for name in library_files()}
+    assert {"clib/lanes.h", "clib/fixed_steps.h"} < set(parts["library"])
     made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}
     made[compiling.PACKAGE] = package / "templates" / compiling.PACKAGE
     assert parts["package"] == {name: sha256(path) for name, path in made.items()}

@@ -166,7 +166,7 @@ def test_many_writers_and_kills(tmp_path: Path) -> None:
         assert len(texts) == 1
 
 
-OPTIONS = Options(("mass_matrix",), flags=("-O0",), level="v1")
+OPTIONS = Options(("mass_matrix",), flags=("-O0",), levels=("v1",))
 
 
 def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_the_header_says_what_was_derived(tmp_path: Path) -> None:
     assert text.split("\n */\n")[1:] == source.header.split("\n */\n")[1:]
     assert text.startswith(source.header.split("\n */\n")[0])
     assert all(len(line) <= 120 for line in text.splitlines())
-    assert (made / "one_link.c").read_text(encoding="ascii") == source.code
+    assert {file: (made / file).read_text(encoding="ascii") for file in source.codes} == source.codes
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ def test_nothing_is_written_where_a_proof_fails(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize("ending", [".html", ".tex"])
 def test_the_report_of_the_command(ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page = tmp_path / f"derivation{ending}"
-    command = ["generate", "one_link", "-o", str(tmp_path), "--kernels", "mass_matrix", "--level", "v1"]
+    command = ["generate", "one_link", "-o", str(tmp_path), "--kernels", "mass_matrix", "--levels", "v1"]
     assert main([*command, "--report", str(page)]) == 0
     assert f"wrote {page}" in capsys.readouterr().out
     assert "sharper lemma" in page.read_text(encoding="ascii")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import shutil
 import subprocess
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.c.library import LINKED
+from eomgen.codegen.c.library import FOLDER, LINKED
 from eomgen.codegen.kernels.signatures import BATCHES, SINGLES, library_objects
 from eomgen.codegen.package.compile import compile_flags, find_compiler, write_package
 from eomgen.codegen.package.library import (
@@ -32,8 +33,9 @@ from eomgen.pipeline.generating import generate
 from eomgen.pipeline.library_objects import KIND, LibraryObjects
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
+from eomgen.runtime.bound import frame_number
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
-from eomgen.runtime.methods.bound import frame_number
+from tests.support.c_project import write_source
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import (
     QUICK,
@@ -71,16 +73,14 @@ def motions(kernel: eomgen.Kernel) -> list[bytes]:
 def compiles(log: Path) -> list[str]:
     """Parts of the library that a compiler was asked for since the last time, sorted."""
     lines, _ = log.read_text().splitlines(), log.write_text("")
-    return sorted(
-        part for line in lines for part, (file, macro) in PARTS.items() if f"-D{macro}" in line and f"/{file}" in line
-    )
+    return sorted(part for line in lines for part, file in PARTS.items() if f"/{FOLDER}/{file} " in line)
 
 
 def test_it_is_compiled_once_for_all_robots(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command, log = logging_compiler(tmp_path)
     monkeypatch.setenv("CC", command)
-    for robot, wanted in (("one_link", ["fixed", "fixed_lanes"]), ("four_bar", [])):
-        eomgen.build(robot, kernels=("rollout",), flags=("-O0",))
+    for robot, wanted in (("one_link", ["adaptive", "adaptive_lanes"]), ("four_bar", [])):
+        eomgen.build(robot, kernels=("adaptive_rollout",), flags=("-O0",))
         assert compiles(log) == wanted
 
 
@@ -90,22 +90,20 @@ def test_each_of_its_parts_is_compiled_once_for_flags_and_precision(
 ) -> None:
     command, log = logging_compiler(tmp_path)
     monkeypatch.setenv("CC", command)
-    flags = ("-O0",)
-    eomgen.build("one_link", kernels=("mass_matrix",), flags=flags)
+    flags, adaptive = ("-O0",), {"duration": 0.1, "samples": 2, "rtol": 1e-4}
+    eomgen.build("one_link", kernels=("mass_matrix", "rollout"), flags=flags)
     assert compiles(log) == []
-    eomgen.build("one_link", kernels=("rollout",), flags=flags)
-    assert compiles(log) == ["fixed", "fixed_lanes"]
     eomgen.build("one_link", kernels=ROLLS, flags=flags)
     assert compiles(log) == ["adaptive", "adaptive_lanes"]
     eomgen.build("four_bar", kernels=ROLLS, flags=flags)
-    eomgen.build("one_link", flags=flags).rollout(QS, V, U, 1e-3, 2)
+    eomgen.build("one_link", flags=flags).rollout(QS, V, U, **adaptive)
     assert compiles(log) == []
-    eomgen.build("one_link", kernels=("rollout",), flags=("-O0", "-g"))
-    assert compiles(log) == ["fixed", "fixed_lanes"]
-    eomgen.build("one_link", flags=flags, dtype="float32").rollout(*(x.astype(np.float32) for x in (QS, V, U)), 1e-3, 2)
-    assert compiles(log) == ["fixed"]
+    eomgen.build("one_link", kernels=ROLLS, flags=("-O0", "-g"))
+    assert compiles(log) == ["adaptive", "adaptive_lanes"]
+    eomgen.build("one_link", flags=flags, dtype="float32").rollout(*(x.astype("f") for x in (QS, V, U)), **adaptive)
+    assert compiles(log) == ["adaptive"]
     kinds = [kind for kind, _, _ in cache.contents()]
-    assert kinds.count(KIND) == 7
+    assert kinds.count(KIND) == 5
 
 
 @pytest.mark.soak
@@ -123,22 +121,17 @@ def test_both_ways_give_the_same_bits(tmp_path: Path) -> None:
 
 
 def test_a_robots_file_declares_it_and_holds_none_of_it(tmp_path: Path) -> None:
-    """Linked, a robot's object asks for the library's functions; those are seen by no other library."""
+    """Linked, a robot's object asks for the library's adaptive steps; those are seen by no other library."""
     source = make_source(eomgen.load_robot("one_link"), Options(ROLLS))
-    for name, text in source.files.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text, encoding="ascii")
+    write_source(source, tmp_path)
     made = str(tmp_path / "robot.o")
-    command = [CC, "-O2", "-c", f"-D{LINKED}", "-DEOMGEN_SINGLES_ONLY", str(tmp_path / "one_link.c"), "-o", made]
+    command = [CC, "-O2", "-c", f"-D{LINKED}", str(tmp_path / "one_link.c"), "-o", made]
     subprocess.run(command, check=True)
     said = subprocess.run(["nm", made], capture_output=True, text=True, check=True).stdout
-    asked = {line.split()[-1] for line in said.splitlines() if line.split()[-1].startswith("eom_")}
-    assert asked == {
-        "eom_integrate_fixed",
-        "eom_integrate_adaptive",
-        "eom_inputs_over_time",
-    }
-    package = generate("one_link", tmp_path / "out", Options(ROLLS, level="v1", flags=("-O0",)))
+    asked = {line.split()[-1] for line in said.splitlines() if line.split()[-2] == "U" and "eom_" in line}
+    assert asked == {"eom_integrate_adaptive", "eom_inputs_over_time"}
+    assert not [line for line in said.splitlines() if "adapt" in line and line.split()[-2] in "tT" and "eom_" in line]
+    package = generate("one_link", tmp_path / "out", Options(ROLLS, levels=("v1",), flags=("-O0",)))
     binary = next(path for path in package.iterdir() if path.name.startswith("_one_link."))
     said = subprocess.run(["nm", "-D", str(binary)], capture_output=True, text=True, check=True).stdout
     assert "one_link" in said
@@ -156,10 +149,11 @@ def test_without_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_parts_of_halves() -> None:
     """Gradients' C includes the library."""
     assert library_objects(("mass_matrix", "energy"), "") == ()
-    assert library_objects(("rollout", "energy"), SINGLES) == ("fixed",)
+    assert library_objects(("rollout", "energy"), "") == ()
     assert library_objects(ROLLS, "") == tuple(PARTS)
-    assert library_objects(ROLLS, BATCHES) == ("fixed_lanes", "adaptive_lanes")
-    assert library_objects(("rollout", "explicit_gradient"), "") == ("fixed_lanes",)
+    assert library_objects(ROLLS, SINGLES) == ("adaptive",)
+    assert library_objects(ROLLS, BATCHES) == ("adaptive_lanes",)
+    assert library_objects((*ROLLS, "explicit_gradient"), "") == ("adaptive_lanes",)
 
 
 def test_keys_and_flags() -> None:
@@ -167,13 +161,13 @@ def test_keys_and_flags() -> None:
     compiler = Compiler(("cc",), "1")
     quick, full = (compile_flags(compiler, False, (), quick=quick) for quick in (True, False))
     assert library_flags(quick) == library_flags(full)
-    key = library_key(compiler, full, "float64", "fixed")
-    assert key == library_key(compiler, quick, "float64", "fixed")
+    key = library_key(compiler, full, "float64", "adaptive")
+    assert key == library_key(compiler, quick, "float64", "adaptive")
     others = [
-        library_key(Compiler(("cc",), "2"), full, "float64", "fixed"),
-        library_key(compiler, (*full, "-O0"), "float64", "fixed"),
-        library_key(compiler, full, "float32", "fixed"),
-        library_key(compiler, full, "float64", "adaptive"),
+        library_key(Compiler(("cc",), "2"), full, "float64", "adaptive"),
+        library_key(compiler, (*full, "-O0"), "float64", "adaptive"),
+        library_key(compiler, full, "float32", "adaptive"),
+        library_key(compiler, full, "float64", "adaptive_lanes"),
     ]
     assert len({key, *others}) == 5
 
@@ -184,10 +178,10 @@ def objects_of(part: str) -> LibraryObjects:
 
 @pytest.mark.soak
 def test_a_damaged_object_is_made_again(empty_cache: Path) -> None:
-    (first,) = objects_of("fixed").begin().result()
+    (first,) = objects_of("adaptive").begin().result()
     made = next((empty_cache / KIND).iterdir())
     flip(made / OBJECT)
-    assert objects_of("fixed").begin().result() == [first]
+    assert objects_of("adaptive").begin().result() == [first]
     assert (made / OBJECT).read_bytes() == first
 
 
@@ -282,9 +276,33 @@ def test_a_level_that_does_not_run_here_is_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv(VARIABLE, "v5")
     refused(InputError, r"\$EOMGEN_LEVEL: 'v5' is unknown" + allowed, eomgen.build, "one_link")
     refused(InputError, r"level: 'v2' is unknown; allowed: v1, v3, v4$", eomgen.build, "one_link", level="v2")
-    refused(InputError, r"level: 'v3' beside native; allowed: one of them$", Options, level="v3", native=True)
+    refused(InputError, r"levels: v3 beside native; allowed: one of them$", Options, levels=("v3",), native=True)
+    refused(InputError, r"levels: 'v2' is unknown; allowed: all, v1, v3, v4$", Options, levels=("v1", "v2"))
+    refused(InputError, r"levels: 'all'; allowed: a sequence of names, \('all',\)$", Options, levels="all")
+    assert Options(levels=("v4", "v1", "v4")).levels == ("v1", "v4")
+    assert Options(levels=("v3", "all")).levels == ("all",)
     with pytest.raises(BuildError, match=r"level: 'v3' is not what the compiler makes code for .*; allowed: v1$"):
         eomgen.build("one_link", level="v3", flags=("-march=x86-64",))
+
+
+EVERY_LEVEL = replace(QUICK, levels=("all",))
+
+
+def binaries(package: Path) -> list[int]:
+    """How many binaries a package has of each level."""
+    return [len(list((package / level).glob("*.so"))) for level in ("", *LEVELS[1:])]
+
+
+@needs_levels
+def test_a_package_has_the_first_level_and_the_best_one_here(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    for best in range(len(supported())):
+        pretend(monkeypatch, ("old", "avx2", "avx512")[best])
+        assert binaries(generate("one_link", tmp_path, QUICK)) == [1, *(int(k == best) for k in (1, 2))]
+    monkeypatch.setenv(VARIABLE, "v1")
+    assert binaries(generate("one_link", tmp_path, QUICK)) == [1, 0, 0]
 
 
 @needs_levels
@@ -298,9 +316,9 @@ def test_a_package_has_binaries_of_all_levels(
     monkeypatch.delenv(VARIABLE, raising=False)
     if not headers:
         without_headers(monkeypatch)
-    package = generate("one_link", tmp_path, QUICK)
+    package = generate("one_link", tmp_path, EVERY_LEVEL)
     file = "_one_link.py" if not headers else next(x.name for x in package.glob("_one_link.*.so"))
-    assert [len(list((package / level).glob("*.so"))) for level in ("", "v3", "v4")] == [1, 1, 1]
+    assert binaries(package) == [1, 1, 1]
     assert not [path for level in LEVELS for path in package.glob(f"{level}/*/*")]
     found = []
     for level in supported():
@@ -322,7 +340,7 @@ def test_levels_beyond_this_processor_are_compiled_and_not_tried(
     steps: list[str] = []
     with monkeypatch.context() as patch:
         pretend(patch, "old")
-        package = generate("one_link", tmp_path, QUICK, progress=steps.append)
+        package = generate("one_link", tmp_path, EVERY_LEVEL, progress=steps.append)
     told = [step.partition(" of C")[2] for step in steps if step.startswith("compiling")]
     assert told == ["", *(f" for {level}, which this processor cannot try" for level in LEVELS[1:])]
     assert sorted(path.name for path in package.iterdir() if path.is_dir() and path.name[0] == "v") == ["v3", "v4"]
@@ -336,7 +354,7 @@ def test_levels_beyond_this_processor_are_compiled_and_not_tried(
 @needs_levels
 def test_a_package_of_one_level(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its binary lies in the package itself; on a processor that does not run it the import says so."""
-    package = generate("one_link", tmp_path, Options(QUICK.kernels, flags=QUICK.flags, level=supported()[-1]))
+    package = generate("one_link", tmp_path, Options(QUICK.kernels, flags=QUICK.flags, levels=(supported()[-1],)))
     assert [path.parent for path in package.rglob("*one_link*.so")] == [package]
     assert answer(python(IMPORT.format(folder=str(tmp_path))))[1] == one_link().mass_matrix(Q).tolist()
     if supported()[-1] != "v1":

@@ -49,12 +49,12 @@ def test_an_uncached_build_returns_to_few_packages_that_it_had_left(empty_cache:
 
 
 def test_entries_of_another_version_are_never_loaded(empty_cache: Path) -> None:
-    """Every kind of entry that a build with a rollout makes has another key."""
+    """Every kind of entry that a build with an adaptive rollout makes has another key."""
     code = """
     import eomgen._version
     eomgen._version.__version__ = {version!r}
     import json, eomgen
-    kernel = eomgen.build("one_link", kernels=("rollout",), flags=("-O0",))
+    kernel = eomgen.build("one_link", kernels=("adaptive_rollout",), flags=("-O0",))
     print(json.dumps(eomgen.__version__))
     """
     keys = []

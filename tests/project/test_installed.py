@@ -76,7 +76,7 @@ def quick_tests(
     assert len(where) == 3
     assert all(place.startswith(str(folder / "venv")) for place in where), where
     done = command((here, *QUICK, *order), tree)
-    assert done.returncode == 0, (order, done.stdout[-6000:] + done.stderr[-2000:])
+    assert done.returncode == 0, (order, done.stdout[-30000:] + done.stderr[-2000:])
     print(f"Python {version}, {', '.join(packages)}: {done.stdout.strip().splitlines()[-1]}")
 
 

@@ -20,9 +20,9 @@ KNOWN = {  # modules that have names, and why
     "codegen/joint/zero_listing.py": "zeros of M and C",
     "codegen/joint/zeros.py": "zeros of M and C",
     "src/eomgen/bench/textbook.py": "the textbook's algorithms for the same quantities, in C",
-    "src/eomgen/runtime/stepping/input_signals.py": "members of C structures that hold functions",
-    "src/eomgen/runtime/stepping/packed_inputs.py": "members of C structures that hold functions",
-    "src/eomgen/runtime/stepping/options.py": "table of the methods of rollouts",
+    "src/eomgen/kernel/stepping/input_signals.py": "members of C structures that hold functions",
+    "src/eomgen/kernel/stepping/packed_inputs.py": "members of C structures that hold functions",
+    "src/eomgen/kernel/stepping/options.py": "table of the methods of rollouts",
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
@@ -54,13 +54,13 @@ WHERE = {  # modules in which they mean that
     "imu": ("control/sensing", "robot/value/sensor", "robot/value/sensor_readings"),
     "loop_reactions": ("identification/from_motion",),
     "reactions": ("export/fmu/variables", "identification/from_motion"),
-    "regressor": ("codegen/c/metadata.py", "runtime/by_name"),
+    "regressor": ("codegen/c/metadata.py", "kernel/by_name"),
     "residual": (
         *("control/feedforward_result", "control/inversion/result", "integration/system"),
         "pictures/measured/motions",
     ),
     "rollout": (
-        *("adapters/jax", "export/wasm/pack", "runtime/raw", "runtime/stepping/adaptive", "sweep/driver", "sweep/keys"),
+        *("adapters/jax", "export/wasm/pack", "runtime/raw", "kernel/stepping/adaptive", "sweep/driver", "sweep/keys"),
         *("codegen/c/lanes.py", "codegen/c/ros2.py"),
     ),
     "settling": ("codegen/c/metadata.py",),

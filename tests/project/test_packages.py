@@ -303,7 +303,7 @@ def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     types = dict(re.findall(r'^user.py:(\d+): note: Revealed type is "(.*)"$', done.stdout, re.MULTILINE))
     assert [types[str(line)] for line in range(2, len(names) + 2) if types[str(line)] == "Any"] == []
-    assert types[str(names.index("build") + 2)].endswith("-> eomgen.runtime.kernel.Kernel")
+    assert types[str(names.index("build") + 2)].endswith("-> eomgen.kernel.complete.Kernel")
     said = [line for line in done.stdout.splitlines() if ": error: " in line or line.startswith("Found")]
     assert [line for line in said if ": note: " not in line] == [
         f'user.py:{len(lines)}: error: Module has no attribute "nothing"  [attr-defined]',

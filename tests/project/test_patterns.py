@@ -201,7 +201,7 @@ def takes_long(call: Callable[[Any], object], text: Any) -> bool:
 def test_all_patterns_are_found() -> None:
     modules = {module for module, _ in patterns()}
     assert len(patterns()) > 60
-    assert {"eomgen.motion.csv_columns", "eomgen.description.xml_text", "eomgen.names", *HEAVY} <= modules
+    assert {"eomgen.motion.csv_columns", "eomgen.description.xml_text", "eomgen.identifiers", *HEAVY} <= modules
 
 
 @pytest.mark.soak

@@ -12,13 +12,13 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
+from eomgen.kernel.stepping.adaptive import KEPT_NUMBERS
+from eomgen.kernel.stepping.alternation import ELIMINATION, EVALUATION, FRESH, Alternation, Spent, Turn, implicit_spans
+from eomgen.kernel.stepping.input_signals import InputSignals
+from eomgen.kernel.stepping.methods import ADAPTIVE as METHODS
+from eomgen.kernel.stepping.motions import BatchMotion, SingleMotion
+from eomgen.kernel.stepping.options import NARROW_TURNS, ErrorControl, rollout_of
 from eomgen.robot.value import Coordinate, Friction
-from eomgen.runtime.stepping.adaptive import KEPT_NUMBERS
-from eomgen.runtime.stepping.alternation import ELIMINATION, EVALUATION, FRESH, Alternation, Spent, Turn, implicit_spans
-from eomgen.runtime.stepping.input_signals import InputSignals
-from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
-from eomgen.runtime.stepping.motions import BatchMotion, SingleMotion
-from eomgen.runtime.stepping.options import NARROW_TURNS, ErrorControl, rollout_of
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed

@@ -15,9 +15,9 @@ from scipy.linalg import expm
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, SingularError
+from eomgen.kernel.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
+from eomgen.kernel.stepping.methods import ADAPTIVE as METHODS
 from eomgen.robot.value import Coordinate, Friction, Robot
-from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
-from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
 from tests.support.refusals import refused
@@ -136,7 +136,7 @@ def test_contacts_are_not(built: Build) -> None:
 
 def test_long_motions_are_looked_at_part_by_part(monkeypatch: pytest.MonkeyPatch, block: eomgen.Kernel) -> None:
     """Of steps that are not all kept."""
-    monkeypatch.setattr("eomgen.runtime.stepping.gradients.KEPT", 100)
+    monkeypatch.setattr("eomgen.kernel.stepping.gradients.KEPT", 100)
     with pytest.raises(InputError, match=REFUSED):
         block.rollout_gradient([0.0], [0.0], [3.0], loss=last, method="tsit5", duration=1e-4, samples=1)
 

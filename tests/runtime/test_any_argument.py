@@ -15,9 +15,9 @@ from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
 from eomgen.integration import global_error, integrate
 from eomgen.integration.until import Until
+from eomgen.kernel import Kernel
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, LinkWrench, Signal, Track
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
-from eomgen.runtime import Kernel
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
 from tests.support.methods import method_of
 from tests.support.refusals import refused

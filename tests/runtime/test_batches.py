@@ -242,7 +242,7 @@ def test_states_have_the_bits_that_they_have_alone(flag: str, seed: int, empty_c
     """Whatever part of the last vector they fill."""
     skip_without([flag])
     kernel = eomgen.build(tree(seed), kernels=("forward_dynamics",), flags=("-O0", flag))
-    (text,) = (path.read_text() for path in empty_cache.glob("packages/*/tree.c"))
+    (text,) = (path.read_text() for path in empty_cache.glob("packages/*/tree_batch.c"))
     assert "tree_forward_dynamics_several(" in text
     assert "tree_forward_dynamics_lanes_part2(" in text
     rng = np.random.default_rng(seed)
@@ -260,7 +260,7 @@ def test_the_first_singular_state_is_named(flag: str, empty_cache: Path) -> None
     """Whichever vector and lane it is in."""
     skip_without([flag])
     kernel = eomgen.build(robot_from_toml(POINT), kernels=("forward_dynamics", "mass_matrix"), flags=("-O0", flag))
-    assert "part1" in next(empty_cache.glob("packages/*/point.c")).read_text()
+    assert "part1" in next(empty_cache.glob("packages/*/point_batch.c")).read_text()
     for first in (0, 3, 7, 8, 15, 16, 30, N - 1):
         q, zero = np.full((N, 2), 0.3), np.zeros((N, 2))
         q[first:, 1] = np.pi / 2

@@ -12,8 +12,8 @@ import pytest
 
 import eomgen
 from eomgen.errors import IntegrationStopped, SingularError
+from eomgen.kernel.stepping import many_steps
 from eomgen.runtime.raw import STAGES, OneLibrary
-from eomgen.runtime.stepping import many_steps
 from tests.support.builds import Build
 from tests.support.refusals import refused
 from tests.support.soak import soaked

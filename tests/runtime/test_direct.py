@@ -20,12 +20,12 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, SingularError
+from eomgen.kernel import Kernel
+from eomgen.kernel.functions import Functions
 from eomgen.robot.value import Robot
-from eomgen.runtime import Kernel
+from eomgen.runtime.bound import BoundFunctions
 from eomgen.runtime.chunking import states_at_once
 from eomgen.runtime.direct import ExtensionBinding
-from eomgen.runtime.methods.bound import BoundFunctions
-from eomgen.runtime.methods.functions import Functions
 from tests.support.bending_mixtures import mixture
 from tests.support.bristled import bristled_arm, served_arm
 from tests.support.bristles import bristle_linkage

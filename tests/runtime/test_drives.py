@@ -17,10 +17,10 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, IntegrationError
 from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import motion_columns
+from eomgen.kernel.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.robot.internal_states.drives import short_time_notes
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate
-from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from eomgen.state.drives import drives_at_rest

@@ -15,8 +15,8 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
+from eomgen.kernel.derivatives.in_time import MOTION
 from eomgen.pipeline.options import Options
-from eomgen.runtime.derivatives.in_time import MOTION
 from eomgen.runtime.levels import BASE
 from tests.runtime.test_direct import in_python
 from tests.runtime.test_state_laws import ARM
@@ -248,7 +248,7 @@ def test_internal_states_move_as_velocities(built: Build) -> None:
 def test_packages_have_those_that_are_named(dtype: str, tmp_path: Path) -> None:
     """With the bits of the kernel here, of one state and of a batch."""
     names = ("inverse_dynamics", "inverse_dynamics_jet2")
-    eomgen.generate("one_link", tmp_path, Options(names, dtype, flags=("-O0",), level=BASE))
+    eomgen.generate("one_link", tmp_path, Options(names, dtype, flags=("-O0",), levels=(BASE,)))
     kernel = eomgen.build("one_link", dtype=dtype)
     moving = [x.astype(dtype) for x in motion(kernel, 5, 3)]
     np.save(tmp_path / "moving.npy", moving)

@@ -9,9 +9,8 @@ import pytest
 
 import eomgen
 from eomgen.codegen.kernels.signatures import OWN_KERNELS
-from eomgen.runtime import Kernel
-from eomgen.runtime.methods import kernel_methods
-from eomgen.runtime.methods.functions import Functions
+from eomgen.kernel import Kernel, kernel_methods
+from eomgen.kernel.functions import Functions
 from release.kernel_methods import PATH, documented, module, public
 from tests.support.builds import Build
 

@@ -16,9 +16,9 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, UnknownNameError
+from eomgen.kernel import Kernel
 from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Placement, Robot
-from eomgen.runtime import Kernel
 from tests.support.builds import Build
 from tests.support.joint_table import frame_table, joint_table, link_table
 from tests.support.other_numbers import changed

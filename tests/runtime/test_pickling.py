@@ -15,11 +15,11 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.kernel.complete import Kernel
 from eomgen.pipeline import cache
 from eomgen.pipeline.building import load_kernel
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
-from eomgen.runtime.kernel import Kernel
 from tests.support.quick_builds import ONE_LEVEL, Q, answer, as_new_process, one_link, python
 from tests.support.refusals import refused
 from tests.support.soak import soaked

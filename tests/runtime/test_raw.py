@@ -14,11 +14,11 @@ from eomgen.codegen.c.library import library_types
 from eomgen.codegen.kernels import signatures
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
 from eomgen.export.wasm.layout import layouts, of_c
+from eomgen.kernel import Kernel
+from eomgen.kernel.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
+from eomgen.kernel.stepping.packed_inputs import STRUCTS, PackedInputs
 from eomgen.robot.model import build_model
-from eomgen.runtime import Kernel
-from eomgen.runtime.methods.bound import frame_number
-from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track, jump_times
-from eomgen.runtime.stepping.packed_inputs import STRUCTS, PackedInputs
+from eomgen.runtime.bound import frame_number
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, with_random_loops
 from tests.support.refusals import refused

@@ -13,10 +13,7 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
 from eomgen.integration.solve import integrate
-from eomgen.motion.point_to_point import Harmonic, PointToPoint
-from eomgen.motion.splines import signal_of
-from eomgen.robot.value import PRINCIPAL, Robot
-from eomgen.runtime.stepping.input_signals import (
+from eomgen.kernel.stepping.input_signals import (
     WORKS,
     DriveData,
     Gains,
@@ -27,8 +24,11 @@ from eomgen.runtime.stepping.input_signals import (
     Track,
     Waves,
 )
-from eomgen.runtime.stepping.methods import ADAPTIVE as METHODS
-from eomgen.runtime.stepping.reading_inputs import place_prescribed
+from eomgen.kernel.stepping.methods import ADAPTIVE as METHODS
+from eomgen.kernel.stepping.reading_inputs import place_prescribed
+from eomgen.motion.point_to_point import Harmonic, PointToPoint
+from eomgen.motion.splines import signal_of
+from eomgen.robot.value import PRINCIPAL, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, loaded_free_joint, random_robot, random_state, seeds, some_prescribed
 from tests.support.refusals import refused

@@ -13,11 +13,11 @@ from eomgen.codegen.c.tableaus import transformed
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, UnknownNameError
+from eomgen.kernel.stepping import gradients, sensitivities
+from eomgen.kernel.stepping.input_signals import InputSignals, LinkWrench, MechanismData, Signal, Track, Waves
+from eomgen.kernel.stepping.methods import TABLE
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping import gradients, sensitivities
-from eomgen.runtime.stepping.input_signals import InputSignals, LinkWrench, MechanismData, Signal, Track, Waves
-from eomgen.runtime.stepping.methods import TABLE
 from tests.oracles.complex_step import COMPLEX
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration.solve import integrate
-from eomgen.runtime.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
+from eomgen.kernel.stepping.input_signals import DriveData, Gains, InputSignals, LinkWrench, Signal, Track
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed
 from tests.support.rollout_cases import CHOSEN, CLOSED, DT, JOINTS, METHODS, STEPS, Case, assembled, case_of

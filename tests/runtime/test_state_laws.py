@@ -20,9 +20,9 @@ from eomgen.codegen.arrays.sources import render_arrays
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError
 from eomgen.export.mujoco import left_out, mjcf
+from eomgen.kernel.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
 from eomgen.robot.elements.loss_factor import fitted_branches, loss_factors
 from eomgen.robot.model import build_model
-from eomgen.runtime.stepping.input_signals import DriveData, InputSignals, Signal, Track, Waves
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from eomgen.state.springs import fastest_rates

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, IntegrationStopped, LoopError
+from eomgen.kernel.stepping.methods import IN_C
 from eomgen.robot import Coupling, build_model, record_of, robot_hash
 from eomgen.robot.value import Coordinate, Robot
-from eomgen.runtime.stepping.methods import IN_C
 from eomgen.scenario import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
 from eomgen.simulation.result import SimulationResult, load_result

@@ -14,10 +14,10 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, IntegrationError
 from eomgen.export.live.acting import acting_on
 from eomgen.identification import compensate
+from eomgen.kernel.stepping.input_signals import Gains, Signal
 from eomgen.progress import no_progress
 from eomgen.robot.bounds import Limits
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.input_signals import Gains, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.scenario.value import Scenario
 from eomgen.simulation.result import SimulationResult

@@ -364,15 +364,17 @@ def compile_driver(
     source: Source, folder: Path, compiler: str, flags: Sequence[str], target: str, macros: Sequence[str] = ()
 ) -> Path:
     """The program, in the folder of ``write_driver``; flags go to all of it, macros to main.c alone."""
-    kernel, program = folder / f"{target}.o", folder / target
+    codes = {folder / file: folder / f"{target}_{Path(file).stem}.o" for file in source.codes}
+    program = folder / target
     watching = [flag for flag in flags if flag.startswith("-fsanitize")]
     main = folder / f"main{'_'.join([*watching, *macros])}.o"
     optimized = [flag for flag in flags if not flag.startswith("-O")]
-    _run([compiler, "-std=c99", *flags, "-c", str(folder / f"{source.name}.c"), "-o", str(kernel)])
+    for code, made in codes.items():
+        _run([compiler, "-std=c99", *flags, "-c", str(code), "-o", str(made)])
     if not main.exists():  # the same for all compilers
         main_flags = ["-std=gnu99", *watching, "-w", *(f"-D{macro}" for macro in macros)]
         _run([compiler, *main_flags, "-c", str(folder / "main.c"), "-o", str(main)])
-    _run([compiler, *optimized, str(kernel), str(main), "-o", str(program), "-lm", "-pthread"])
+    _run([compiler, *optimized, *map(str, codes.values()), str(main), "-o", str(program), "-lm", "-pthread"])
     return program
 
 

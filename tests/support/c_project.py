@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -87,10 +88,9 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
     need(compiler, COMPILERS[compiler])
     (folder / "main.cpp").write_text(code, encoding="ascii")
     objects = []
-    for package in packages:
-        objects.append(folder / f"{package.name}.o")
-        kernel = ("-std=c99", *WARNINGS, "-O0", "-ffp-contract=off", "-c", package / f"{package.name}.c")
-        run(compiler, *kernel, "-o", objects[-1])
+    for code in (package / f"{package.name}{end}.c" for package in packages for end in ("", "_batch")):
+        objects.append(folder / f"{code.stem}.o")
+        run(compiler, "-std=c99", *WARNINGS, "-O0", "-ffp-contract=off", "-c", code, "-o", objects[-1])
     include = [part for package in packages for part in ("-iquote", str(package))]
     made = folder / "main"
     run(
@@ -101,7 +101,7 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
 
 def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
     """A generated package with its project, compiled without optimisation, for this processor's level alone."""
-    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), level=supported()[-1]), cmake=True)
+    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), levels=(supported()[-1],)), cmake=True)
 
 
 def elastic_tree() -> Robot:
@@ -115,11 +115,19 @@ def elastic_tree() -> Robot:
     return replace(robot, name="elastic_tree", tunable=tunable)
 
 
-def write_source(source: Source, folder: Path) -> None:
-    """Write header, code and the library that they include into a folder."""
+def write_source(source: Source, folder: Path) -> list[Path]:
+    """Write header, code and the library that they include into a folder; return the files to compile."""
     for place, text in source.files.items():
         (folder / place).parent.mkdir(exist_ok=True)
         (folder / place).write_text(text, encoding="ascii")
+    return [folder / file for file in source.codes]
+
+
+def unwrapped(text: str) -> str:
+    """Return generated code without what depends on the length of names: line breaks, places of constants' comments."""
+    constant = re.compile(r"/\* ((?:(?!\*/).)*) \*/\n(#define EOM_C\d+ \S+)\n", re.DOTALL)
+    text = constant.sub(lambda match: f"{match[2]} /* {match[1]} */\n", text)
+    return re.sub(r"\s+", " ", text.replace("\n * ", " "))
 
 
 def source_of(robot: Robot, dtype: str = "float64") -> Source:

@@ -54,7 +54,7 @@ int main(void)
     for (int i = 0; i < STATES; ++i) {{
 {single}
     }}
-#ifndef EOMGEN_SINGLES_ONLY
+#ifndef BARE
 {batch}
 #endif
     return 0;
@@ -167,7 +167,7 @@ def compiled(
 ) -> Path:
     """Compile the program with our flags, and these behind them; return where it is."""
     out = program.code.with_name("program")
-    files = [str(program.code), str(program.code.with_name("main.c"))]
+    files = [str(path) for path in sorted(out.parent.glob("*.c"))]
     subprocess.run([*compiler, *FLAGS, *flags, *files, "-o", str(out), *libraries], check=True, cwd=out.parent)
     return out
 

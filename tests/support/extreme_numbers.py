@@ -18,8 +18,8 @@ from eomgen.identification import calibrate, fit, forces, identify, read_covaria
 from eomgen.identification.dynamics.solve import without_sought
 from eomgen.identification.identifiable import TERMS
 from eomgen.identification.iso_9283.solve import accuracy
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.value import Robot
-from eomgen.runtime.kernel import Kernel
 from tests.support.measured_poses import chain, trial
 from tests.support.mutations import Chance, change_columns, npz
 from tests.support.quick_builds import without_headers

@@ -27,7 +27,7 @@ class CompiledFeedForward:
             (folder / place).parent.mkdir(parents=True, exist_ok=True)
             (folder / place).write_text(text, encoding="ascii")
         codes = [place for place in files if place.endswith(".c") and "/" not in place]
-        words = [*compiler, *WARNINGS, "-O0", "-ffp-contract=off", "-DEOMGEN_SINGLES_ONLY", "-shared", "-fPIC", *codes]
+        words = [*compiler, *WARNINGS, "-O0", "-ffp-contract=off", "-shared", "-fPIC", *codes]
         made = subprocess.run(
             [*words, "-o", "feedforward.so", "-lm"], cwd=folder, capture_output=True, text=True, check=False
         )

@@ -13,8 +13,8 @@ from scipy.integrate import solve_ivp
 
 from eomgen.description.load import load_robot
 from eomgen.export.fmu.pack import export_fmu
+from eomgen.kernel.complete import Array, Kernel
 from eomgen.robot.value import Robot
-from eomgen.runtime.kernel import Array, Kernel
 from tests.support.bristles import (
     bent,
     bristle_arm,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eomgen.runtime.stepping.methods import EXPLICIT, ROSENBROCK, IntegrationMethod
+from eomgen.kernel.stepping.methods import EXPLICIT, ROSENBROCK, IntegrationMethod
 
 BS3 = IntegrationMethod(
     "bs3",

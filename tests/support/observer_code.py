@@ -32,7 +32,7 @@ class CompiledObserver:
         stems = [self.name, *(f"{self.name}_{x}" for x in ("innovation", "observer"))]
         stems = [stem for stem in stems if (folder / f"{stem}.c").exists()]
         for stem in stems:
-            words = [*compiler, *WARNINGS, "-O0", *flags, "-DEOMGEN_SINGLES_ONLY", "-fPIC", "-c", f"{stem}.c"]
+            words = [*compiler, *WARNINGS, "-O0", *flags, "-fPIC", "-c", f"{stem}.c"]
             made = subprocess.run([*words, "-o", f"{stem}.o"], cwd=folder, capture_output=True, text=True, check=False)
             assert made.returncode == 0, made.stderr
         objects = [f"{stem}.o" for stem in stems]

@@ -23,7 +23,7 @@ from eomgen.runtime.levels import BASE
 
 Q = [0.2, 0.5]
 QUICK = Options(("mass_matrix",), flags=("-O0",))
-ONE_LEVEL = replace(QUICK, level=BASE)  # of packages with one binary
+ONE_LEVEL = replace(QUICK, levels=(BASE,))  # of packages with one binary
 BUILD = """
     import eomgen
     kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))

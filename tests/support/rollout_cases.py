@@ -11,9 +11,8 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.robot.value import Robot
-from eomgen.runtime.stepping import gradients
-from eomgen.runtime.stepping.input_signals import (
+from eomgen.kernel.stepping import gradients
+from eomgen.kernel.stepping.input_signals import (
     DriveData,
     Gains,
     InputSignals,
@@ -23,6 +22,7 @@ from eomgen.runtime.stepping.input_signals import (
     Track,
     Waves,
 )
+from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, some_prescribed
 from tests.support.sliders import mass_on_rail, on_rail

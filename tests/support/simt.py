@@ -19,7 +19,7 @@ import numpy as np
 import eomgen
 from eomgen.codegen.simt.kernels import ROLLOUTS
 from eomgen.codegen.simt.sources import SimtSource
-from eomgen.runtime.kernel import Kernel
+from eomgen.kernel.complete import Kernel
 from tests.support.methods import method_of
 from tests.support.optional import module_of
 

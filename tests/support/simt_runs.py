@@ -18,9 +18,9 @@ from eomgen.codegen.kernels.signatures import OWN_KERNELS, shapes
 from eomgen.codegen.simt.kernels import CONTROLLED, FRAMES, ROLLOUTS, derive_kernels, refusal
 from eomgen.codegen.simt.sources import render_simt
 from eomgen.errors import ArrayError, LoopError, SingularError
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.kernel import Kernel
 from tests.support import simt
 from tests.support.random_robots import State, span, with_internal_states
 

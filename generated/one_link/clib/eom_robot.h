@@ -74,28 +74,17 @@ typedef struct {
     int *index;        /* EOM_INDEX_ROOM */
 } EOM(workspace);
 
-#if !defined(EOM_RATES) || defined(EOM_LINKED)
 #ifdef __cplusplus
 extern "C" {
 #endif
+#if !defined(EOM_RATES)
 /* Take steps of length dt, s, from q and v; every so many states are stored.  method 0: the classical Runge-Kutta method of order
  * 4; 1: the linearly implicit Euler method.  Inputs, or NULL, act beside the drives, the first step being from the time first
  * on, s; prescribed coordinates begin where their motions are then.  -1, or step * statuses + i of the first failure. */
 long long EOM(integrate_fixed)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM(drive) *drive, const EOM(inputs) *inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
 
-/* Go from sample to sample, at samples + 1 times, by steps with error control.  method 0: a Rosenbrock method of order 4(3) for
- * stiff equations; 1: the explicit pair of Tsitouras of order 5(4); 2: Radau IIA of order 9 for stiff equations, with more room
- * (EOM_RADAU_ROOM).  Returns progress->reason. */
-int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(tolerance) *allowed, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(record) *record, EOM(workspace) work);
-
-/* The same for count states, one after the other, without inputs where steps are of fixed length, else those at place, or the
- * first ones. */
+/* The same for count states, one after the other, without inputs. */
 long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *robot, size_t count, const EOM_SCALAR *h, const EOM_SCALAR *q, size_t q_step, const EOM_SCALAR *v, size_t v_step, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace) work);
-void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, const size_t *place, const EOM_SCALAR *h, size_t h_step, const EOM(drive) *drive, const EOM(inputs) *inputs, size_t inputs_step, const EOM(tolerance) *allowed, size_t allowed_step, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(workspace) work);
-
-/* Write the drives of inputs at times, (count, nu), with accelerations of prescribed coordinates, whose positions and velocities are
- * put into q and v. */
-void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
 
 /* Take steps from q, (count + 1, nq), and v, (count + 1, nv), in the first row on.  kept is NULL, or count times EOM_KEPT_NUMBERS,
  * which spare rollout_gradient work.  Joints of three rotations keep their angles.  -1, or step * statuses + i of the first failure.
@@ -109,7 +98,21 @@ void EOM(rollout_gradient)(const EOM(robot_derivatives) *derivatives, const EOM_
 /* Take the same steps with rates along directions beside the states: dq and dv, (count + 1, directions, nq or nv), hold those of the
  * first state, and get those at the end of each step. */
 long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *derivatives, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(step_sequence) *steps, size_t directions, const EOM(rates) *rates, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *dq, EOM_SCALAR *dv, EOM(workspace) work);
+#endif
+
+#if !defined(EOM_RATES) || defined(EOM_LINKED)
+/* Go from sample to sample, at samples + 1 times, by steps with error control.  method 0: a Rosenbrock method of order 4(3) for
+ * stiff equations; 1: the explicit pair of Tsitouras of order 5(4); 2: Radau IIA of order 9 for stiff equations, with more room
+ * (EOM_RADAU_ROOM).  Returns progress->reason. */
+int EOM(integrate_adaptive)(const EOM(robot) *robot, const EOM_SCALAR *h, const EOM(drive) *drive, const EOM(inputs) *inputs, const EOM(tolerance) *allowed, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(record) *record, EOM(workspace) work);
+
+/* The same for count states, one after the other, those at place, or the first ones. */
+void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *robot, size_t count, const size_t *place, const EOM_SCALAR *h, size_t h_step, const EOM(drive) *drive, const EOM(inputs) *inputs, size_t inputs_step, const EOM(tolerance) *allowed, size_t allowed_step, const double *times, size_t samples, int method, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *q_out, EOM_SCALAR *v_out, eom_progress *progress, EOM(workspace) work);
+
+/* Write the drives of inputs at times, (count, nu), with accelerations of prescribed coordinates, whose positions and velocities are
+ * put into q and v. */
+void EOM(inputs_over_time)(const EOM(sizes) *sizes, size_t count, const EOM(inputs) *inputs, const double *times, EOM_SCALAR *q, EOM_SCALAR *v, EOM_SCALAR *u, double *work, int *index);
+#endif
 #ifdef __cplusplus
 }
-#endif
 #endif

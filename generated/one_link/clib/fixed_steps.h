@@ -16,6 +16,7 @@ EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, si
     if (drive->effort != NULL) { F(saturate)(drive, nu, u, slope); }
 }
 
+#if !defined(EOM_HELD)
 /* Begin a step at a time, with the row of drives that it holds, where there are inputs; at its ends signals are asked a little
  * inside where they jump there. */
 EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, size_t step, double begin, double end, REAL *restrict u, REAL *restrict target)
@@ -44,6 +45,7 @@ EOM_LOCAL void F(begin_fixed_step)(F(problem) *restrict problem, size_t state, s
     problem->u = u;
     problem->target = target;
 }
+#endif
 
 /* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held, inputs as they are at each
  * stage.  x is not restrict: GCC 12 at -O3 takes sums for what they were before some stages where it is. */
@@ -69,11 +71,10 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
             const int opened = F(assemble)(robot, motion->h, x_here, &x_here[nq], work.state, NULL);
             if (opened != 0) { return opened; }
         }
-        if (problem->clock.inputs[0] == NULL) {
-            F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], (EOM_SCALAR)0.0, u, NULL, work.state);
-        } else {
-            F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work);
-        }
+        if (problem->clock.inputs[0] == NULL) { F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], (EOM_SCALAR)0.0, u, NULL, work.state); }
+#if !defined(EOM_HELD)
+        if (problem->clock.inputs[0] != NULL) { F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work); }
+#endif
         const int status = robot->forward_dynamics(motion->h, x_here, &x_here[nq], u, a);
         if (status != 0) { return status; }
         for (int i = 0; i < nq; ++i) {
@@ -112,7 +113,9 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
         for (int i = 0; i < nu; ++i) { added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
         F(held_forces)(motion, state, (size_t)problem->clock.here, step, q, v, dt, u, slope, work.state);
         for (int i = 0; (drive->effort != NULL) && (i < nu); ++i) { added[i] *= slope[i]; }
-    } else {
+    }
+#if !defined(EOM_HELD)
+    if (problem->clock.inputs[0] != NULL) {
         REAL *restrict const x_end = work.state;
         work.state = &x_end[PADDED_TO_BLOCKS(nq + nv)];
         F(control_gains)(problem, added, slope);
@@ -125,6 +128,7 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
         F(forces)(problem, 1.0, 0, x_end, &x_end[nq], u, slope, work);
         for (int i = 0; i < nu; ++i) { added[i] *= slope[i]; }
     }
+#endif
     const int status = motion->robot->implicit_step(motion->h, q, v, u, added, times, a);
     if (status != 0) { return status; }
     for (int i = 0; i < nv; ++i) { v[i] += dt * a[i]; }
@@ -146,8 +150,6 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     F(problem) problem;
     F(motion) *const motion = &problem.motion;
     REAL *told = x;
-    REAL *u = NULL;
-    REAL *target = NULL;
     size_t place[WIDTH] = { 0 };
     motion->robot = robot;
     motion->h = h;
@@ -158,11 +160,13 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     problem.spare = NULL;
     problem.clock.here = (int)here;
     for (int l = 0; l < (int)WIDTH; ++l) { problem.clock.inputs[l] = inputs; }
-    if (inputs != NULL) {
-        u = work.state;
-        target = &u[PADDED_TO_BLOCKS(INPUTS_OF(sizes))];
-        work.state = &target[PADDED_TO_BLOCKS(nq)];
-    }
+#if defined(EOM_HELD)
+    (void)first;
+#else
+    REAL *const u = work.state;
+    REAL *const target = &u[PADDED_TO_BLOCKS(INPUTS_OF(sizes))];
+    if (inputs != NULL) { work.state = &target[PADDED_TO_BLOCKS(nq)]; }
+#endif
     F(store)(x, here, rows * (size_t)nq, nq, q_out);
     F(store)(&x[nq], here, rows * (size_t)nv, nv, v_out);
     if (ROTATIONS_OF(sizes) > 0) {
@@ -176,12 +180,16 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
         F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
     for (size_t step = 0; step < steps; ++step) {
+#if !defined(EOM_HELD)
         if (inputs != NULL) { F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first + (double)(step + 1U) * (double)dt, u, target); }
+#endif
         const int status = (method == 0) ? F(rk4_step)(&problem, state, step, dt, x, work) : F(implicit_euler_step)(&problem, state, step, dt, x, work);
         if (status != 0) { return (long long)step * statuses_of_a_step + status - 1; }
+#if !defined(EOM_HELD)
         for (int l = 0; (inputs != NULL) && (l < (int)here); ++l) {
             F(put_prescribed)(&problem, l, (M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : F(instant_at)(&problem.clock, l, 1.0), x, work.input);
         }
+#endif
         if (M_OF(sizes) > 0) {
             const int opened = F(assemble)(robot, motion->h, x, &x[nq], work.state, NULL);
             if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }

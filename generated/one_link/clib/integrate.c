@@ -1,6 +1,6 @@
 /* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_RATES, and with its
- * derivatives EOM_DERIVATIVES.  Compiled in parts it is one of steps of fixed length (EOM_FIXED_ONLY), and one of steps with
- * error control (EOM_ADAPTIVE_ONLY), both without derivatives. */
+ * derivatives EOM_DERIVATIVES.  It may be one part alone: steps of fixed length (EOM_FIXED_ONLY), with EOM_HELD those
+ * without inputs over time, or steps with error control (EOM_ADAPTIVE_ONLY), both without derivatives. */
 #include "inputs.h"
 
 #include "state_one.h"
@@ -25,6 +25,9 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #include "charts.h"
 #include "closed_loops.h"
 #include "forces.h"
+#if !defined(EOM_HELD)
+#include "input_forces.h"
+#endif
 #include "fixed_steps.h"
 #if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"
@@ -143,6 +146,6 @@ EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict ro
 }
 #endif
 
-#if defined(EOM_DERIVATIVES) || !(defined(EOM_RATES) || defined(EOM_FIXED_ONLY) || defined(EOM_ADAPTIVE_ONLY))
+#if defined(EOM_HAS_DERIVATIVES) && !defined(EOM_FIXED_ONLY) && !defined(EOM_ADAPTIVE_ONLY)
 #include "sensitivities.h"
 #endif

@@ -1,6 +1,5 @@
 /* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors, or
- * include it in a robot's file that defines EOM_RATES.  Compiled in parts it is one of steps of fixed length (EOM_FIXED_ONLY), and one
- * of steps with error control (EOM_ADAPTIVE_ONLY). */
+ * include it in a robot's file that defines EOM_RATES.  It may be one part alone, as integrate.c. */
 #include "inputs.h"
 
 #include "robot_lanes.h"
@@ -24,6 +23,9 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 #include "charts.h"
 #include "closed_loops.h"
 #include "forces.h"
+#if !defined(EOM_HELD)
+#include "input_forces.h"
+#endif
 #include "fixed_steps.h"
 #if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"

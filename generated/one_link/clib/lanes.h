@@ -2,7 +2,7 @@
  * and how states come into vectors and out.  Of one precision, as precision.h says.
  *
  * EOMGEN_VECTOR: bytes of a vector, 0 for none; by default the widest of the processor, but for functions of one state
- * (EOMGEN_SINGLES_ONLY), whose few angles fill no wide one. */
+ * (EOM_WITHOUT_LANES), whose few angles fill no wide one. */
 #ifndef EOM_LANES_H
 #define EOM_LANES_H
 #include <math.h>
@@ -12,7 +12,7 @@
 #include "precision.h"
 
 #if !defined(EOMGEN_VECTOR)
-#if defined(__GNUC__) && defined(__AVX512F__) && !defined(EOMGEN_SINGLES_ONLY)
+#if defined(__GNUC__) && defined(__AVX512F__) && !defined(EOM_WITHOUT_LANES)
 #define EOMGEN_VECTOR 64
 #elif defined(__GNUC__) && defined(__AVX__)
 #define EOMGEN_VECTOR 32
@@ -145,7 +145,7 @@ EOM_LOCAL int singular(int n, const EOM_SCALAR *restrict pivot)
     return 0;
 }
 
-#if !defined(EOMGEN_SINGLES_ONLY)
+#if !defined(EOM_WITHOUT_LANES)
 /* Return 0, or 1 + i + l * statuses for the first lane l that has such a coordinate. */
 EOM_LOCAL int singular_lanes(int n, int statuses, const lanes *restrict pivot)
 {

@@ -11,9 +11,9 @@ from typing import Any
 
 from ..control.discrete_steps import DiscreteStep, kernels_for_step
 from ..errors import BuildError, InputError
+from ..kernel.complete import Kernel
 from ..optional import optional_import
 from ..pipeline import cache as store
-from ..runtime.kernel import Kernel
 from .external import external_library, step_library
 from .mappings import FUNCTIONS, DifferentiableFunction, check_order, kernels_for
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..control.discrete_steps import DiscreteStep, literal
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..pipeline import cache as store
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import frame_number
+from ..runtime.bound import frame_number
 from .mappings import DifferentiableFunction
 
 
@@ -110,7 +110,7 @@ def compiled_external(kernel: Kernel, wrapper: str, called: str, flags: Sequence
         (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
         _write(folder, {f"{kernel.name}.h": header, **library})
         source = str(folder / f"{kernel.name}.c")
-        run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
+        run_all([[*compile_c, source, "-o", str(folder / "kernel.o")]])
         shutil.rmtree(folder / FOLDER)
 
     made = store.entry("objects", _key(tools, header, code, *library.values()), compile_kernel)

@@ -17,12 +17,12 @@ from ..codegen.kernels.derived import FRAMED
 from ..description import RobotLike, as_robot
 from ..device.face import Device
 from ..errors import ArrayError, InputError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.options import StepOptions
 from ..names import show
 from ..optional import optional_import
 from ..pipeline.derivations import derived_model
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import frame_number
-from ..runtime.stepping.options import StepOptions
+from ..runtime.bound import frame_number
 from .frames import jacobian_derivative, pose_derivative
 from .jax_devices import SWITCH, device_function
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for

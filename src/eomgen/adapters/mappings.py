@@ -15,10 +15,10 @@ from ..codegen.kernels.derived import FRAMED
 from ..codegen.kernels.groups import DIFFERENTIABLE
 from ..codegen.kernels.signatures import CLOSED_PROGRAMS, FRAME_KERNEL, KERNELS
 from ..errors import InputError, UnknownNameError
+from ..kernel.complete import Kernel
+from ..kernel.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
 from ..names import show
-from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import frame_number
+from ..runtime.bound import frame_number
 from . import rules
 
 Array = NDArray[Any]

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.kernel import Kernel
+from ..kernel.complete import Kernel
 
 Array = NDArray[Any]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..codegen.kernels.derived import FRAMED
 from ..device.face import Device
 from ..errors import ArrayError, InputError
+from ..kernel.complete import Kernel
+from ..kernel.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
 from ..names import show
-from ..runtime.derivatives.by_arguments import ADJOINT, HESSIAN, TANGENT
-from ..runtime.kernel import Kernel
 from .mappings import DifferentiableFunction
 
 Array = NDArray[Any]

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..device.face import Device
 from ..errors import ArrayError, InputError
+from ..kernel.complete import Kernel
 from ..optional import optional_import
-from ..runtime.kernel import Kernel
 from .mappings import FUNCTIONS, kernels_for
 from .sources import OnDevice, OnProcessor, broadcast_axes, refuse_shape
 

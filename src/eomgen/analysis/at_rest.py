@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import RANK, Array, Mask
 from ..errors import IntegrationError
-from ..runtime.kernel import Kernel
+from ..kernel.complete import Kernel
 from ..runtime.singular import inertias
 from ..shown import Shown
 from ..state.drives import drives_at_rest

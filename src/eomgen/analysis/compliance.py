@@ -13,6 +13,8 @@ from ..arrays import Array
 from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
+from ..kernel.complete import Kernel
+from ..kernel.inverse_kinematics.reaching import Target, reach, starting_points, within_limits
 from ..limits import MOST_COUNTED
 from ..motion.ends import limits_beside
 from ..motion.tool_path import space_point
@@ -23,8 +25,6 @@ from ..progress import Progress, StageReport, no_progress, tells_at_prompt
 from ..results.kinds import Kind, Saved, declare
 from ..results.stored import Stored
 from ..robot.model import build_model, tool_of
-from ..runtime.inverse_kinematics.reaching import Target, reach, starting_points, within_limits
-from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, prefixed
 from ..state.motors import turn_motors
 from .holding import PoseLike

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..description import RobotLike
-from ..errors import ArrayError, InputError, check_kind
+from ..errors import ArrayError, InputError
+from ..identifiers import check_kind
 from ..optional import optional_import
 from ..progress import StageReport, tells_at_prompt
 from ..results.kinds import Kind, SavedColumns, declare

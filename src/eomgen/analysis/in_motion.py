@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from ..arrays import RANK, Array, Mask
 from ..codegen.kernels.groups import SLOPES_OF_CLOSURE
 from ..errors import InputError, LoopError
+from ..kernel.complete import Kernel
 from ..names import joint_of
 from ..pipeline.building import build
-from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..state.drives import has_drives
 from ..state.internal_states import forces_needed
 from ..state.vectors import prescribed_mask, state_vector

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..description import RobotLike
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
 from ..optional import optional_import
 from ..progress import StageReport, tells_at_prompt
 from ..robot.model import tool_of

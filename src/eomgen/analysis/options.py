@@ -14,13 +14,13 @@ from ..arrays import Array
 from ..codegen.kernels.groups import ANALYSIS, ANALYSIS_OF_LAWS, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
+from ..kernel.complete import Kernel
 from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import frame_number
+from ..runtime.bound import frame_number
 from ..state.internal_states import StatesLike
 from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
 

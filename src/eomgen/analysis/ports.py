@@ -9,9 +9,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError, UnknownNameError
+from ..kernel.complete import Kernel
 from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
-from ..runtime.kernel import Kernel
 from ..state.drives import drive_slopes, has_drives
 from .holding import Fixation
 from .tangent_system import frame_hessian

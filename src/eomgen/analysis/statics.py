@@ -15,8 +15,10 @@ from ..codegen.kernels.groups import FRAME_POSES, JOINT_REACTIONS, kernel_group
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike
 from ..description.matrix_files import read_matrix
-from ..errors import InputError, LoopError, UnknownNameError, check_kind
+from ..errors import InputError, LoopError, UnknownNameError
 from ..files import check_ending, write_atomically, write_csv
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
 from ..names import component_name, joint_of, nearest_or_all, parameter_name
 from ..pipeline.building import build
 from ..progress import StageReport, tells_at_prompt
@@ -27,8 +29,7 @@ from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
 from ..robot.value.nodes import SLIDING
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import wrench_rows
+from ..runtime.wrenches import wrench_rows
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts

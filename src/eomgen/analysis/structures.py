@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..codegen.kernels.groups import JOINT_REACTIONS, RIGID_MODEL, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
+from ..kernel.stepping.methods import Method
 from ..motion.ends import default_motion, principal_limits
 from ..motion.exceeding import excess_notes, excesses
 from ..motion.tool_path import ToolLine
@@ -27,7 +29,6 @@ from ..progress import Progress, tells_at_prompt
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import Robot
-from ..runtime.stepping.methods import Method
 from ..shown import Shown, prefixed
 from ..simulation.controls import actuators
 from ..simulation.references import MOVING_SHARE

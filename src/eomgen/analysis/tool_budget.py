@@ -15,13 +15,14 @@ import numpy as np
 from ..arrays import RANK, Array
 from ..codegen.kernels.groups import FRAME_POSES
 from ..description import RobotLike, as_robot
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
 from ..pipeline.building import build
 from ..pipeline.mechanisms import mechanism_kernels
 from ..robot.coordinates import MOTIONS, index_of, owner_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 from ..shown import Plotting, Shown, scale_of
 from ..simulation.result import SimulationResult
 from ..tabular import Rows, TableColumn, Tabular

@@ -21,22 +21,21 @@ from numbers import Real
 from pathlib import Path
 
 from ..description.load import robot_from_toml
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..files import csv_cells
 from ..forms.toml_text import read_text
-from ..limits import MOST_ENTRIES
-from ..names import (
+from ..identifiers import (
     IDENTIFIER_RULE,
     ROBOT_RULE,
+    check_kind,
     is_identifier,
     is_robot_name,
-    listed,
-    nearest,
     plain_path,
-    show,
     show_path,
     to_robot_name,
 )
+from ..limits import MOST_ENTRIES
+from ..names import listed, nearest, show
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Placement, Vector, turn_inertia
 from ..robot.joint_types import OWN_COORDINATES, PRINCIPAL
 from ..robot.value import INERTIA_KEYS, LINEAR, Robot

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from ..description.builtin import builtin_robots
 from ..description.load import SUFFIXES, load_robot
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..files import Reader, read_back, write_atomically
-from ..names import ROBOT_RULE, component_name, is_robot_name, joint_of, kind_of, listed, show, to_robot_name
+from ..identifiers import ROBOT_RULE, check_kind, is_robot_name, to_robot_name
+from ..names import component_name, joint_of, kind_of, listed, show
 from ..robot.coordinates import MOTIONS, unit_of
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot

@@ -14,9 +14,10 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..description.keys import ROBOT
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..forms.keys import Json
 from ..forms.tables import Entries, Form
+from ..identifiers import check_kind
 from ..names import show
 from ..scenario.keys import SCENARIO
 from ..sweep.keys import PLAN

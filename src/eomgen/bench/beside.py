@@ -25,6 +25,7 @@ from ..arrays import Array
 from ..codegen.kernels.groups import ASSEMBLY, INERTIA, STRUCTURES, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError, LoopError
+from ..kernel.complete import Kernel
 from ..names import component_name, listed
 from ..pipeline.building import build
 from ..pipeline.options import Options
@@ -32,7 +33,6 @@ from ..pipeline.stages import tools_for
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
 from ..robot.value import MOTOR, Robot
-from ..runtime.kernel import Kernel
 from ..runtime.raw import RawFunction
 from .clock import FRAME, Timed
 from .textbook import COUNTERPARTS, Yardstick, compile_yardstick, unknown_to_textbook
@@ -180,7 +180,7 @@ def bench(
     for function in kernel.raw.functions.values():
         progress(f"timing {function.name}")
         rows.append(_measure(kernel, yardstick, function, inputs, repeat))
-    timed = [row.kernel.name for row in rows if not row.note and hasattr(Kernel, row.kernel.name)]
+    timed = [row.kernel.name for row in rows if not row.note and hasattr(type(kernel.functions), row.kernel.name)]
     called = next((name for name in (*COUNTERPARTS, *timed) if name in timed), "")
     call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
     return BenchResult(
@@ -224,7 +224,7 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
     arguments = (*(arrays[x] for x in function.arguments), *([kernel.frames[0]] if function.is_framed else []))
     states = {"z": arrays["z"]} if "z" in arrays else {}
     times = np.zeros((rounds, 2))
-    methods = [getattr(kernel.replaced(checks=wanted), name) for wanted in (True, False)]
+    methods = [getattr(kernel.replaced(checks=wanted).functions, name) for wanted in (True, False)]
     for method in methods:
         method(*arguments, **states)  # the first call may take another way
     for turn in times:

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..errors import InputError
-from ..names import plain_path, show
+from ..identifiers import plain_path
+from ..names import show
 from ..npz import read_npz
 from .finite_elements import (
     MODAL,

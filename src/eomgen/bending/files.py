@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import InputError
 from ..files import check_ending, write_atomically
+from ..identifiers import is_identifier, plain_path
 from ..limits import LARGEST, MOST_INTERFACES, MOST_MODES, MOST_SHAPE_NUMBERS
-from ..names import is_identifier, listed, plain_path, show
+from ..names import listed, show
 from ..npz import read_npz
 from ..robot.value import ROOT, Node
 from .bending_body import BendingBody

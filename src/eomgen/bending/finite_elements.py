@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Index
 from ..errors import InputError
+from ..identifiers import is_identifier
 from ..limits import LARGEST, MOST_MODES
-from ..names import is_identifier, show
+from ..names import show
 
 DIRECTIONS = ("x", "y", "z", "alpha", "beta", "gamma")
 KINDS = ("node", "rbe2", "rbe3")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..names import plain_path
+from ..identifiers import plain_path
 from ..npz import read_npz
 from .bending_body import BendingBody
 from .element_files import NAMES, elements_of, has_elements

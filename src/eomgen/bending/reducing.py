@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Index
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..files import as_path
-from ..names import listed, nearest_or_all, plain_path, show
+from ..identifiers import check_kind, plain_path
+from ..names import listed, nearest_or_all, show
 from ..progress import StageReport, no_report
 from ..robot.value import Placement
 from .element_files import COUNT, read_elements

@@ -40,15 +40,29 @@ def _derive(options: argparse.Namespace) -> None:
 
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:
-    from ..codegen.kernels.signatures import DTYPES, OWN_KERNELS
+    from ..codegen.kernels.groups import ON_REQUEST, PACKAGE
+    from ..codegen.kernels.signatures import DTYPES
     from ..runtime.levels import LEVELS
 
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     processors = parser.add_mutually_exclusive_group()
-    processors.add_argument("--level", choices=LEVELS, default="", help="x86-64 level to compile for (all)")
+    processors.add_argument(
+        "--levels",
+        action="extend",
+        type=_names,
+        default=[],
+        metavar="LEVEL[,LEVEL...]",
+        help=f"x86-64 levels to compile for, {', '.join(LEVELS)} or all (v1 and the best here; of wheels all)",
+    )
     processors.add_argument("--native", action="store_true", help="compile for this processor alone")
+    parser.add_argument(
+        "--scalar", action="store_true", help="write one file of C without SIMD; batches are computed state by state"
+    )
+    parser.add_argument(
+        "--libm", action="store_true", help="call the C library for sines and cosines: other last bits than polynomials"
+    )
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     parser.add_argument("--ros2", action="store_true", help="that, and a package of ROS 2 that simulates the robot")
     parser.add_argument("--wheel", action="store_true", help="write a wheel, which pip installs without eomgen")
@@ -59,6 +73,9 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contract", action="store_true", help="of that: products and sums may be one operation: other last bits"
     )
+    parser.add_argument(
+        "--samples", type=whole, default=0, metavar="N", help="with NAME_samples.c, which tests the C in N states"
+    )
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the derivation, .html or .tex")
     parser.add_argument(
         "--kernels",
@@ -66,8 +83,9 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"only these kernels (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as"
-        " energy_adjoint, end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint, _jet1 to _jet4",
+        help=f"these kernels instead of {', '.join(PACKAGE)}; all: these, and {', '.join(ON_REQUEST)};"
+        " derivatives by name, such as energy_adjoint: _tangent, _adjoint, _hessian, _parameter_tangent,"
+        " _parameter_adjoint, _jet1 to _jet4",
     )
 
 
@@ -79,7 +97,7 @@ def _names(text: str) -> list[str]:
 def _generate(options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.wheel import export_wheel
-    from ..pipeline.generating import check_module_name, generate
+    from ..pipeline.generating import check_module_name, generate, left_out
     from ..pipeline.options import Options
 
     robot = read_robot(options)
@@ -89,20 +107,30 @@ def _generate(options: argparse.Namespace) -> None:
     for flag, is_given in (("--tile", options.tile is not None), ("--contract", options.contract)):
         if is_given:
             raise InputError(f"{flag}: given without --simt; allowed: with --simt")
-    chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
-    if options.wheel and (options.cmake or options.ros2 or options.native or options.report):
+    chosen = Options(
+        tuple(options.kernels),
+        options.dtype,
+        options.native,
+        levels=tuple(options.levels),
+        scalar=options.scalar,
+        libm=options.libm,
+    )
+    if options.wheel and (options.cmake or options.ros2 or options.native or options.report or options.samples):
         raise InputError(
-            "--wheel stands without --cmake, --ros2, --native and --report; allowed: with --dtype, --level, --kernels"
+            "--wheel stands without --cmake, --ros2, --native, --report and --samples; allowed: with --dtype, --levels,"
+            " --kernels, --scalar, --libm"
         )
     if note := check_module_name(robot.name):
         say(f"note: {note}", sys.stderr)
     with stage_bar("generating") as report:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
-            return
-        wanted = {"cmake": options.cmake, "ros2": options.ros2, "report": options.report}
-        target = generate(robot, options.output, chosen, **wanted, progress=report)
-    say(str(target))
+        else:
+            wanted = {name: getattr(options, name) for name in ("cmake", "ros2", "report", "samples")}
+            say(str(generate(robot, options.output, chosen, **wanted, progress=report)))
+    if not chosen.kernels:
+        left = ", ".join(left_out(robot))
+        say(f"note: without {left} and derivatives; --kernels takes their names, or all (but derivatives)", sys.stderr)
     if options.report is not None:
         show_written([options.report])
 
@@ -111,10 +139,11 @@ def _generate_simt(robot: Robot, options: argparse.Namespace) -> None:
     from ..errors import InputError
     from ..export.simt import export_simt
 
-    if options.wheel or options.cmake or options.ros2 or options.native or options.report or options.level:
+    names = ("cmake", "ros2", "wheel", "native", "levels", "scalar", "libm", "samples", "report")
+    if any(getattr(options, name) for name in names):
+        without = ", ".join(f"--{name}" for name in names[:-1])
         raise InputError(
-            "--simt stands without --cmake, --ros2, --wheel, --native, --level and --report; allowed: with --dtype,"
-            " --kernels, --tile, --contract"
+            f"--simt stands without {without} and --report; allowed: with --dtype, --kernels, --tile, --contract"
         )
     tile = {} if options.tile is None else {"tile": options.tile}
     with stage_bar("generating") as report:

@@ -20,7 +20,7 @@ from .shared.writing import remove_older
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
-    from ..runtime.stepping.methods import METHODS
+    from ..kernel.stepping.methods import METHODS
 
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")

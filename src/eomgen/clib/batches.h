@@ -13,7 +13,7 @@
     } \
     return -1;
 
-#if !defined(EOMGEN_SINGLES_ONLY)
+#if !defined(EOM_WITHOUT_LANES)
 /* Work on `most` vectors at a time, of which `used` have states: READ_LANES(x, size, most) gathers those of x into x_lanes,
  * one vector's numbers behind the other's, after SPREAD(h, size) has put those of all states into h_lanes.  CALL sets status: by
  * ONE_VECTOR(statuses, function) for each, which finds x_lanes by VECTOR(x, size), or at once.  size results of each go from

@@ -1,4 +1,5 @@
-/* inputs.h: what is the same for one state and for many: inputs over time, methods, and models of computed torque. */
+/* inputs.h: what is the same for one state and for many: methods, inputs over time and models of computed torque, or with
+ * EOM_HELD none of these two: drives are held in steps. */
 #ifndef EOM_INPUTS_H
 #define EOM_INPUTS_H
 #include "eom.h"
@@ -7,9 +8,14 @@
 #include <string.h>
 
 #include "precision.h"
+#if defined(EOM_HELD)
+#include "explicit_methods.h"
+#else
 #include "signals.h"
 #include "methods.h"
+#endif
 
+#if !defined(EOM_WITHOUT_CHARTS)
 #define ROTATION(name) eom_##name
 #define ROTATION_SCALAR double
 #define ROTATION_MATH(function) function
@@ -23,6 +29,9 @@
 #define ROTATION_MATH(function) function##f
 #include "rotations.h"
 #endif
+#endif
+#if !defined(EOM_HELD)
 #include "computed_torque.h"
+#endif
 
 #endif

@@ -1,6 +1,5 @@
 /* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors, or
- * include it in a robot's file that defines EOM_RATES.  Compiled in parts it is one of steps of fixed length (EOM_FIXED_ONLY), and one
- * of steps with error control (EOM_ADAPTIVE_ONLY). */
+ * include it in a robot's file that defines EOM_RATES.  It may be one part alone, as integrate.c. */
 #include "inputs.h"
 
 #include "robot_lanes.h"
@@ -21,9 +20,16 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 
 #define EOM_LANES_HERE
 #include "combinations.h"
+#if !defined(EOM_WITHOUT_CHARTS)
 #include "charts.h"
+#endif
+#if !defined(EOM_WITHOUT_LOOPS)
 #include "closed_loops.h"
+#endif
 #include "forces.h"
+#if !defined(EOM_HELD)
+#include "input_forces.h"
+#endif
 #include "fixed_steps.h"
 #if !defined(EOM_FIXED_ONLY)
 #include "adaptive_steps.h"

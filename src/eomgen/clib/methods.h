@@ -1,16 +1,9 @@
 /* methods.h: coefficients of the methods; rows are stages, and C() makes numbers of the precision of states.  Those of explicit
- * and Rosenbrock methods are rendered from the table of methods (tableaus.h). */
+ * and Rosenbrock methods are rendered from the table of methods (explicit_tableaus.h, tableaus.h). */
+#include "explicit_methods.h"
 
-enum { EXPLICIT_STAGES = 6, ROSENBROCK_STAGES = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, WORK_DEGREE = 5 };
+enum { ROSENBROCK_STAGES = 6, INSIDE_STAGE = 7, STAGES_WITH_POWERS = 8, WORK_DEGREE = 5 };
 enum { RADAU_STAGES = 5, RADAU_PAIRS = 2, RADAU_ROUNDS = 8 };
-
-/* An explicit method.  Behind the rows of its stages stands that of the step, which is the last stage with error control. */
-typedef struct {
-    int stages; /* without the last one */
-    EOM_SCALAR a[EXPLICIT_STAGES + 1][EXPLICIT_STAGES];
-    EOM_SCALAR error[EXPLICIT_STAGES + 1];
-    double shares[EXPLICIT_STAGES + 1];
-} EOM(explicit_method);
 
 /* A Rosenbrock method, in the variables that spare products with the matrix (E. Hairer, G. Wanner, "Solving Ordinary Differential
  * Equations II", section IV.7). */

@@ -37,6 +37,9 @@
 #if defined(EOM_RADAU) || !defined(EOM_RATES)
 #define EOM_HAS_RADAU /* a robot's file says whether it has the equations that the method asks for */
 #endif
+#if defined(EOM_DERIVATIVES) || !defined(EOM_RATES)
+#define EOM_HAS_DERIVATIVES
+#endif
 
 #if defined(__GNUC__)
 #define EOM_LOCAL static __attribute__((unused))

@@ -17,9 +17,9 @@ import numpy as np
 from ..codegen.kernels.derived import METHODS
 from ..codegen.kernels.groups import ACCELERATION_SLOPES
 from ..errors import InputError, UnknownNameError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.methods import STEP_CODES
 from ..names import listed, show
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.methods import STEP_CODES
 
 LONGEST = 1e6  # s, of a step
 MOST_SUBSTEPS = 10_000

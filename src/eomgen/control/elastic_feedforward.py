@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, InputError
+from ..kernel.complete import Kernel
 from ..limits import LARGEST, is_usable
 from ..motion.time_derivatives import Jump, SmoothProgram, by_time, with_series
 from ..names import listed, show
@@ -30,7 +31,6 @@ from ..robot.mechanism import driven_coordinates, leading_home
 from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
 from ..runtime.arrays import numbers_in
-from ..runtime.kernel import Kernel
 from ..scenario.load import as_scenario
 from ..scenario.value import Scenario
 from ..simulation.assembly import by_coordinate

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError
+from ..kernel.stepping.input_signals import Gains, Signal
 from ..motion.splines import Spline
 from ..names import listed, show
 from ..results.kinds import Kind, SavedColumns, declare
@@ -17,7 +18,6 @@ from ..results.stored import Stored
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.value import MOTOR
 from ..runtime.arrays import numbers_in
-from ..runtime.stepping.input_signals import Gains, Signal
 from ..scenario.value import Scenario
 from ..shown import Shown
 from ..simulation.sampled_drive import SampledDrive

@@ -18,8 +18,9 @@ from ..codegen.kernels.groups import INVERSE_DYNAMICS, ROTORS_OF_GEARS, SPRINGS_
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import as_path
+from ..identifiers import word_in
 from ..limits import LARGEST, is_usable
-from ..names import listed, show, word_in
+from ..names import listed, show
 from ..pipeline.building import build
 from ..pipeline.options import Options
 from ..pipeline.stages import make_source

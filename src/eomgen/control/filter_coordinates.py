@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..runtime.kernel import Kernel
+from ..kernel.complete import Kernel
 from .independent import Independent
 
 Numbers = NDArray[Any]

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernel.complete import Kernel
 from ..robot.model import Model
-from ..runtime.kernel import Kernel
 from .filter_coordinates import FilterCoordinates
 
 Numbers = NDArray[Any]

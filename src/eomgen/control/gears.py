@@ -14,10 +14,10 @@ import numpy as np
 from ..arrays import Array, Index, Mask
 from ..codegen.kernels.groups import GEARS
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..pipeline.building import build
 from ..robot.coordinates import force_unit_of
 from ..robot.value import PRINCIPAL, Coordinate, Joint, Link, Motor, Robot
-from ..runtime.kernel import Kernel
 
 LINEAR = {"stiffness", "damping", "preload"}  # numbers of springs that are straight lines
 TRIES = 200  # of Newton's method, bisection and steps outwards together

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import independent_columns, rank_of
 from ..errors import SingularError
+from ..kernel.complete import Kernel
 from ..names import listed
-from ..runtime.kernel import Kernel
 from ..runtime.singular import inertias
 
 Numbers = NDArray[Any]

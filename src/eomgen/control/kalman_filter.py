@@ -25,15 +25,16 @@ from ..codegen.kernels.groups import (
     kernel_group,
 )
 from ..description import RobotLike
-from ..errors import InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..errors import InputError, IntegrationError, LoopError, UnknownNameError
+from ..identifiers import check_kind, word_in
+from ..kernel.complete import Kernel
 from ..limits import LARGEST, MOST_COUNTED, is_usable
-from ..names import component_name, nearest_or_all, show, word_in
+from ..names import component_name, nearest_or_all, show
 from ..pipeline.building import build
 from ..robot.model import Model, build_model
 from ..robot.parameter_names import leasts
 from ..robot.value import Sensor
 from ..runtime.arrays import joint_lead, names_in, numbers_in
-from ..runtime.kernel import Kernel
 from .covariances import Covariance, SquareRoot
 from .filter_coordinates import AllCoordinates, FilterCoordinates, IndependentCoordinates
 from .filter_steps import Acting, FilterSteps, Slopes, names_linear_laws

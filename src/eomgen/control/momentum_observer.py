@@ -36,15 +36,16 @@ from ..codegen.kernels.groups import (
     kernel_group,
 )
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
+from ..identifiers import check_kind, word_in
+from ..kernel.complete import Kernel
 from ..limits import is_usable
-from ..names import listed, nearest_or_all, show, word_in
+from ..names import listed, nearest_or_all, show
 from ..pipeline import Options, build, generate
 from ..robot.mechanism import coordinate_of
 from ..robot.model import build_model
 from ..robot.value import Coordinate, Robot
 from ..runtime.arrays import flag, joint_lead, numbers_in
-from ..runtime.kernel import Kernel
 from .independent import Independent
 
 KERNELS = MOMENTUM_OBSERVER

@@ -23,8 +23,9 @@ from ..codegen.kernels.groups import (
     SENSORS,
     kernel_group,
 )
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..files import as_path, write_atomically
+from ..identifiers import check_kind
 from ..pipeline.options import Options
 from ..pipeline.stages import make_source
 from ..progress import StageReport, no_report, tells_at_prompt

@@ -14,14 +14,15 @@ from .._version import __version__
 from ..arrays import Array
 from ..codegen.kernels.groups import SENSORS
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
+from ..identifiers import check_kind, word_in
+from ..kernel.complete import Kernel
 from ..limits import is_usable
-from ..names import nearest, nearest_or_all, show, word_in
+from ..names import nearest, nearest_or_all, show
 from ..robot.fields import Picklable
 from ..robot.model import build_model
 from ..robot.value import SENSOR_KINDS, Robot, Sensor, innovations, readings, sensor_conflict
 from ..runtime.arrays import joint_lead, numbers_in
-from ..runtime.kernel import Kernel
 
 NOISE: Mapping[str, float] = MappingProxyType(  # standard deviations of readings, by their units
     {"rad": 1e-4, "m": 1e-4, "rad/s": 5e-3, "m/s": 1e-3, "N m": 0.1, "N": 1.0, "m/s^2": 0.05}

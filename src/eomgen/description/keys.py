@@ -26,8 +26,8 @@ from ..forms.keys import (
 )
 from ..forms.plain import field_types
 from ..forms.tables import Entries, Few, Form, Pair, Sub, angle_keys
+from ..identifiers import IDENTIFIER_RULE, ROBOT_RULE
 from ..limits import MOST_BEAM_MODES, MOST_MODES, MOST_SEGMENTS
-from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws, numbers
 from ..robot.coordinates import UNITS
 from ..robot.elements import JOINT_ELEMENTS, KINDS, JointElement, LinkElement

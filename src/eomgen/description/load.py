@@ -12,12 +12,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
-from ..errors import DescriptionError, InputError, check_kind
+from ..errors import DescriptionError, InputError
 from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
-from ..names import listed, nearest, show, show_path
+from ..identifiers import check_kind, show_path
+from ..names import listed, nearest, show
 from ..robot.bounds import Limits, limits_conflict
 from ..robot.elements import KINDS, Element, Spring
 from ..robot.geometry import ZERO

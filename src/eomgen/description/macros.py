@@ -12,7 +12,8 @@ from pathlib import Path
 from types import ModuleType
 
 from ..errors import DescriptionError
-from ..names import listed, nearest, show, show_path
+from ..identifiers import show_path
+from ..names import listed, nearest, show
 from ..optional import optional_import
 
 Xacro = bool | Mapping[str, str | Path]  # whether to expand, or the folders of packages with which to

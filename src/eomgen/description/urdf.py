@@ -11,8 +11,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NoReturn
 
 from ..errors import DescriptionError
+from ..identifiers import is_robot_name, to_robot_name, unique_identifiers
 from ..limits import LARGEST, MOST_ENTRIES
-from ..names import component_name, is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
+from ..names import component_name, listed, nearest, show
 from ..robot.bounds import Limits
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
 from ..robot.joint_types import JOINT_TYPES

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, LoopError, SingularError, UnknownNameError
+from ..kernel.complete import Kernel
 from ..names import nearest_or_all, show
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 from .arguments import named_arrays, named_outs, number_of, shown_shape
 from .calls import Loaded, Taken
 from .cuda import Cuda, DeviceArray, Functions, Launch

@@ -18,9 +18,6 @@ from ..robot.value import Robot
 from .fmu.choices import AUTO
 
 STEP = 0.01  # s
-BATCHES = (
-    "#if !defined(EOMGEN_SINGLES_ONLY) /* several states"  # where the half of a robot's C begins that is not taken
-)
 
 
 @tells_at_prompt("exporting")
@@ -62,7 +59,7 @@ def export_acados(
     kernel = build(robot, kernels=kernels_for_step(chosen, closed=robot.is_closed), flags=("-O0",), progress=progress)
     made = DiscreteStep(kernel, chosen, step, substeps, parameters=parameters)
     header, code = (made.together.raw.source(ending) for ending in ("h", "c"))
-    texts = {f"{kernel.name}.h": header, f"{kernel.name}.c": code.partition(BATCHES)[0]} | library_files()
+    texts = {f"{kernel.name}.h": header, f"{kernel.name}.c": code} | library_files()
     context = {
         **made.context(by_parameters=False, adjoint=False),
         "version": __version__,

@@ -9,6 +9,7 @@ import numpy as np
 from ..arrays import Array
 from ..codegen.kernels.groups import ACCELERATION_SLOPES, POLES_OF_MECHANISMS
 from ..errors import InputError, SingularError
+from ..kernel.complete import Kernel
 from ..names import listed
 from ..pipeline.building import build
 from ..pipeline.mechanisms import assembled_home
@@ -18,7 +19,6 @@ from ..robot.internal_states.drives import DRIVE
 from ..robot.laws import COARSE
 from ..robot.model import build_model
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 from ..state.drives import acceleration_slopes
 
 LONGEST_STEP = 1e-3  # s, of co-simulation

@@ -10,6 +10,7 @@ import tempfile
 import zipfile
 from base64 import urlsafe_b64encode
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from eomgen._version import __version__
@@ -17,7 +18,7 @@ from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.generating import generate
-from eomgen.pipeline.options import Options
+from eomgen.pipeline.options import ALL, Options
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 
 OLDEST = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can hold: the same files make the same bytes
@@ -31,10 +32,11 @@ def export_wheel(
 ) -> Path:
     """Write a wheel of the robot's generated package into a folder, and return its path.
 
-    It has binaries for all x86-64 levels, of which the best that runs is loaded, and needs NumPy and cffi.  Its
-    version is this package's, and behind a + what tells one content from another; the same content has the same bytes.
-    The platform of Linux is the oldest glibc ("manylinux") that has all that the binaries ask of it; where they need
-    more than a C library, "linux".  Calls are fastest on the minor version of Python that wrote it, and run on others.
+    It has binaries for all x86-64 levels, unless the options name some, of which the best that runs is loaded, and
+    needs NumPy and cffi.  Its version is this package's, and behind a + what tells one content from another; the same
+    content has the same bytes.  The platform of Linux is the oldest glibc ("manylinux") that has all that the binaries
+    ask of it; where they need more than a C library, "linux".  Calls are fastest on the minor version of Python that
+    wrote it, and run on others.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -49,7 +51,8 @@ def export_wheel(
     folder = as_path(folder, "folder")
     robot, options = as_robot(robot), options or Options()
     if options.native:
-        raise InputError("native: a wheel is for other machines; allowed: a level, or all of them")
+        raise InputError("native: a wheel is for other machines; allowed: levels, or all of them")
+    options = options if options.levels else replace(options, levels=(ALL,))
     with tempfile.TemporaryDirectory(prefix="eomgen-") as place:
         package = generate(robot, place, options, progress=progress)
         files = {

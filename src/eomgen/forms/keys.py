@@ -12,22 +12,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NoReturn, Protocol
 
-from ..limits import LARGEST, MOST_ENTRIES
-from ..names import (
+from ..identifiers import (
     IDENTIFIER,
     IDENTIFIER_RULE,
-    NAME_LENGTH,
     ROBOT_LENGTH,
     ROBOT_NAME,
     ROBOT_RULE,
     is_identifier,
     is_robot_name,
     is_word,
-    nearest,
-    show,
     to_identifier,
     to_robot_name,
 )
+from ..limits import LARGEST, MOST_ENTRIES
+from ..names import NAME_LENGTH, nearest, show
 
 Json = dict[str, Any]
 

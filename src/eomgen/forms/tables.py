@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NoReturn
 
 from ..errors import DescriptionError
+from ..identifiers import is_identifier
 from ..limits import LARGEST, MOST_ENTRIES
-from ..names import is_identifier, listed, nearest, show
+from ..names import listed, nearest, show
 from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
 
 __all__ = [

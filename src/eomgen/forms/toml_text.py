@@ -7,8 +7,9 @@ import tomllib
 from itertools import islice
 from pathlib import Path
 
-from ..errors import DescriptionError, check_kind
+from ..errors import DescriptionError
 from ..files import read_regular
+from ..identifiers import check_kind
 from ..limits import LARGEST
 
 _MOST_BYTES = 1 << 20  # these take a second to read, if they are the slowest of their kind

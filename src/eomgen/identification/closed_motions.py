@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arrays import RANK, Array, Mask, rank_of
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..names import listed
 from ..robot.model import Model
-from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
 from ..state.vectors import prescribed_mask
 

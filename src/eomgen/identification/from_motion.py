@@ -17,6 +17,8 @@ from ..arrays import Array
 from ..codegen.kernels.groups import FORCES_OF_MOTIONS, kernel_group
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.measured_numbers import answers_in_numbers
 from ..motion.smoothing import local_polynomials
@@ -31,8 +33,6 @@ from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
 from ..robot.parameter_names import JOINTS
 from ..robot.value import ANGULAR
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.elements import damping_forces, stiffness_forces
 from ..state.motors import deflections

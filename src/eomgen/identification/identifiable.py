@@ -17,11 +17,11 @@ from ..arrays import Array, Index, Mask
 from ..codegen.kernels.groups import BASE_PARAMETERS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..names import component_name, show
 from ..pipeline.building import build
 from ..results.contents import Contents
 from ..robot.coordinates import is_mode
-from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .relations import Relations, refuse_followers, refuse_internal_states, relations_of, tree_relations
 

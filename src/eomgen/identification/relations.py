@@ -14,12 +14,12 @@ import numpy as np
 
 from ..arrays import Array, Mask
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..motion.files import MeasuredMotion
 from ..names import joint_of, listed, nearest, show, split_state
 from ..robot.coordinates import is_mode
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 
 OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a coupling
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
+from ..kernel.turning import angle_rates, body_rates
 from ..motion.smoothing import local_polynomials
-from ..runtime.turning import angle_rates, body_rates
 from ..state.turning import angle_accelerations, nearest_angles, quaternions
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..lazily import lazy_names
 
 if TYPE_CHECKING:
-    from ..runtime.stepping.methods import METHODS as METHODS
+    from ..kernel.stepping.methods import METHODS as METHODS
     from .contacts import Contact as Contact
     from .plan import choose_method as choose_method
     from .reference_motions import GlobalError as GlobalError

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
 from ..errors import ArrayError, IntegrationStopped, LoopError
+from ..kernel.complete import Kernel
 from ..loops.chart import Chart, Followed
-from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
 from ..runtime.singular import inertias
 from ..state.drives import acceleration_slopes, places_of_forces

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import EomgenError, IntegrationStopped
+from ..kernel.complete import Kernel
+from ..kernel.stepping.adaptive import DONE, refuse_unmoved, why_ended
+from ..kernel.stepping.alternation import implicit_spans
+from ..kernel.stepping.input_signals import InputSignals
+from ..kernel.stepping.methods import AUTO
+from ..kernel.stepping.motions import SingleMotion
+from ..kernel.stepping.options import ErrorControl
 from ..progress import Progress
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.adaptive import DONE, refuse_unmoved, why_ended
-from ..runtime.stepping.alternation import implicit_spans
-from ..runtime.stepping.input_signals import InputSignals
-from ..runtime.stepping.methods import AUTO
-from ..runtime.stepping.motions import SingleMotion
-from ..runtime.stepping.options import ErrorControl
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arrays import Array
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 from ..state.elements import Numbers
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import acting, deflections

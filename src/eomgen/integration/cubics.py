@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..arrays import Array
-from ..runtime.turning import BACK, ON, SINGULAR, seen
+from ..kernel.turning import BACK, ON, SINGULAR, seen
 
 
 class Cubics:

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import DriveData, Signal, Track
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import DriveData, Signal, Track
 from ..state.vectors import DriveFunction, state_vector
 
 

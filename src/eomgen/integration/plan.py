@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import EomgenError, InputError, check_kind
+from ..errors import EomgenError, InputError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
+from ..kernel.stepping.methods import AUTO, IN_C, METHODS, RADAU, SUNDIALS
+from ..kernel.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of
+from ..kernel.stepping.reading_inputs import signals_of
 from ..limits import LARGEST, is_usable
 from ..names import show
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import WrenchLike
-from ..runtime.stepping.methods import AUTO, IN_C, METHODS, RADAU, SUNDIALS
-from ..runtime.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of
-from ..runtime.stepping.reading_inputs import signals_of
+from ..runtime.wrenches import WrenchLike
 from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 

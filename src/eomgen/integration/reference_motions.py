@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, IntegrationStopped, check_kind
+from ..errors import InputError, IntegrationStopped
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
 from ..names import component_name, listed
 from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import WrenchLike
+from ..runtime.wrenches import WrenchLike
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .drives import drive_of

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, check_kind
+from ..errors import ArrayError
+from ..identifiers import check_kind
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 from ..names import component_name
 from ..robot.internal_states.bristles import BRISTLES, sliding_force
 from ..robot.laws import SMOOTHING
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
 from ..state.motors import acting
 from ..state.springs import cut_numbers, law_numbers, smoothings
 

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, IntegrationStopped, check_kind
+from ..errors import InputError, IntegrationStopped
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
+from ..kernel.stepping.methods import SUNDIALS, Method
+from ..kernel.stepping.options import ErrorControl
+from ..kernel.stepping.reading_inputs import input_signals
 from ..progress import Progress, tells_at_prompt
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import WrenchLike
-from ..runtime.stepping.methods import SUNDIALS, Method
-from ..runtime.stepping.options import ErrorControl
-from ..runtime.stepping.reading_inputs import input_signals
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
+from ..runtime.wrenches import WrenchLike
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
 from .closed import ClosedSystem
@@ -73,7 +74,7 @@ def integrate(  # noqa: PLR0913
         drive, wrench, prescribed: loads and prescribed motions, each described below.  C takes constant forces and
             wrenches, and objects with a method ``load_data`` (time-signal inputs), as those of scenarios and
             ``Harmonic`` have it: it returns a DriveData, a list of LinkWrench, or Waves of
-            ``eomgen.runtime.stepping.input_signals``.
+            ``eomgen.kernel.stepping.input_signals``.
         drive: (t, q, v) -> u, (n,), N or N m, or that u where it is constant; default none.  With an attribute
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite

@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped, SingularError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.methods import SCIPY_IMPLICIT
+from ..kernel.stepping.options import ErrorControl, joined_tolerances
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
 from ..runtime.arrays import numbers_in
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.many_steps import StateBounds
-from ..runtime.stepping.methods import SCIPY_IMPLICIT
-from ..runtime.stepping.options import ErrorControl, joined_tolerances
+from ..runtime.many_steps import StateBounds
 from ..state.springs import coordinate_sizes, fastest_rates, internal_state_sizes, rubbing_rates
 from .contacts import ContactWatch
 from .plan import IntegratorOptions

@@ -13,9 +13,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import EomgenError, IntegrationError
+from ..kernel.stepping.options import ErrorControl
 from ..optional import optional_import
 from ..progress import Progress
-from ..runtime.stepping.options import ErrorControl
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System, concerns_state

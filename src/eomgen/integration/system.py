@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped, SingularError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.motions import SingleMotion
+from ..kernel.stepping.packed_inputs import PackedInputs
+from ..kernel.stepping.reading_inputs import NamedWrenches
 from ..runtime.arrays import numbers_in
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import with_wrench
-from ..runtime.methods.wrenches import WrenchLike, wrench_rows
+from ..runtime.bound import with_wrench
 from ..runtime.raw import name_of
-from ..runtime.stepping.motions import SingleMotion
-from ..runtime.stepping.packed_inputs import PackedInputs
-from ..runtime.stepping.reading_inputs import NamedWrenches
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
+from ..runtime.wrenches import WrenchLike, wrench_rows
 from ..state.drives import acceleration_slopes, drive_jacobian, has_drives, is_of_drive, places_of_forces
 from ..state.springs import rate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask

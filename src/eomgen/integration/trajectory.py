@@ -11,11 +11,11 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import ArrayError, InputError, IntegrationStopped
+from ..kernel.complete import Kernel
 from ..names import component_name
 from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular
@@ -45,7 +45,7 @@ class Trajectory(Shown, Tabular):
         rests: intervals in which friction held a coordinate (stiction), by time; see ``resting.rests``.
         works: work integrals, (T, 4), J, from the first sample on, integrated with the motion; None where that was not
             asked for.  Of the drives, of the forces of prescribed motions, of external wrenches, and what dampers and
-            friction dissipated (``eomgen.runtime.stepping.input_signals.WORKS``).
+            friction dissipated (``eomgen.kernel.stepping.input_signals.WORKS``).
         z: internal states, (T, states), by the names in ``internal_states``, in ``internal_state_units``; or None.
         input_units: of u where drives take something else than forces, (n,), see ``Kernel.inputs``; None without such.
     """

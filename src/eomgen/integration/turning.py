@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
-from ..runtime.kernel import Kernel
-from ..runtime.turning import ON, SINGULAR, singular_joints
+from ..kernel.complete import Kernel
+from ..kernel.turning import ON, SINGULAR, singular_joints
 from ..state.turning import Turns
 from .closed import ClosedSystem
 from .system import System

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..names import listed, nearest, show
 from ..robot.coordinates import unit_of
 from ..runtime.arrays import numbers_in
-from ..runtime.kernel import Kernel
 
 HALVINGS = 52  # of a step, to the last bit of a time
 CORRECTIONS = 6  # of a time, by secants

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..arrays import Array, Index, Mask, independent_columns, rank_of
 from ..errors import LoopError
+from ..kernel.complete import Kernel
 from ..names import joint_of, listed
-from ..runtime.kernel import Kernel
 from ..runtime.loop_errors import left_open
 from ..runtime.singular import inertias
 from ..state.vectors import prescribed_mask

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import RANK, Array, Mask
-from ..errors import IntegrationError, check_kind
+from ..errors import IntegrationError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
+from ..kernel.turning import singular_joints
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.kernel import Kernel
-from ..runtime.methods.bound import evaluate
-from ..runtime.methods.wrenches import WrenchLike, wrench_rows
+from ..runtime.bound import evaluate
 from ..runtime.raw import name_of
 from ..runtime.singular import inertias
-from ..runtime.turning import singular_joints
+from ..runtime.wrenches import WrenchLike, wrench_rows
 from ..state.drives import DrivesAtRest, is_of_drive
 from ..state.equilibrium import (
     given_forces,

@@ -9,8 +9,8 @@ from types import EllipsisType
 import numpy as np
 
 from ..arrays import Array, Index
-from ..runtime.kernel import Kernel
-from ..runtime.turning import singular_joints
+from ..kernel.complete import Kernel
+from ..kernel.turning import singular_joints
 from ..state.turning import Turns
 from .chart import Chart, Followed
 

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import InputError
 from ..files import csv_cells, open_regular
+from ..identifiers import plain_path
 from ..limits import LARGEST, MOST_ENTRIES
-from ..names import plain_path, show
+from ..names import show
 from .measured_numbers import ALLOWED, within_limits
 
 COLUMNS_RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .drive behind them"

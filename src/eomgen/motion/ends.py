@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
 from ..forms.unusual_sizes import is_unusual, unit_question
+from ..identifiers import are_names, check_kind
 from ..limits import LARGEST, is_usable
-from ..names import are_names, joint_of, show
+from ..names import joint_of, show
 from ..robot.coordinates import unit_of
 from ..robot.mechanism import leading_home, position_limits
 from ..robot.model import movable_coordinates

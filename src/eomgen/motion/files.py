@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..files import as_path, check_ending, write_csv
-from ..names import are_names, listed, nearest, show
+from ..identifiers import are_names, check_kind
+from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..robot.value import Robot
 from ..shown import Shown

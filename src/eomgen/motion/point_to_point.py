@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import ArrayError, InputError
+from ..kernel.stepping.input_signals import Signal, Waves
 from ..limits import LARGEST, is_usable
 from ..names import show
 from ..runtime.arrays import numbers_in
-from ..runtime.stepping.input_signals import Signal, Waves
 from ..shown import Shown
 from .time_derivatives import Jump, by_time, order_in, times_in, waves
 

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import InputError, check_kind
+from ..errors import InputError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
+from ..kernel.inverse_kinematics.kernel_method import limits_of_all, reach_all, starting_states, targets_of, tool_frame
 from ..robot.mechanism import leading_home
 from ..robot.model import program_coordinates, tool_of
 from ..robot.value import Robot
-from ..runtime.inverse_kinematics.kernel_method import limits_of_all, reach_all, starting_states, targets_of, tool_frame
-from ..runtime.kernel import Kernel
 from ..state.motors import turn_motors
 from ..state.vectors import prescribed_mask
 from .ends import default_ends, limits_beside

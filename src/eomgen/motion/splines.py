@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index
+from ..kernel.stepping.input_signals import Signal
 from ..optional import optional_import
-from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
 from .point_to_point import QUINTIC, Program, smoothness
 from .time_derivatives import Jump, by_time, order_in, spline_series, times_in, with_series

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import InputError
 from ..forms.tables import Table
+from ..kernel.stepping.input_signals import Signal
 from ..names import listed, show
-from ..runtime.stepping.input_signals import Signal
 from ..shown import Shown
 from .files import read_columns
 from .time_derivatives import Jump, by_time, order_in, times_in

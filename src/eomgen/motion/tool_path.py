@@ -12,10 +12,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..errors import ArrayError, InputError, ReachError
 from ..forms.unusual_sizes import is_unusual, unit_question
-from ..names import show
-from ..optional import optional_import
-from ..runtime.arrays import numbers_in
-from ..runtime.inverse_kinematics.reaching import (
+from ..kernel.complete import Kernel
+from ..kernel.inverse_kinematics.reaching import (
     Reached,
     Target,
     binding,
@@ -25,9 +23,11 @@ from ..runtime.inverse_kinematics.reaching import (
     unreached,
     within_limits,
 )
-from ..runtime.inverse_kinematics.rotations import rotation_matrices
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import Signal
+from ..kernel.inverse_kinematics.rotations import rotation_matrices
+from ..kernel.stepping.input_signals import Signal
+from ..names import show
+from ..optional import optional_import
+from ..runtime.arrays import numbers_in
 from .point_to_point import QUINTIC, PointToPoint
 from .splines import DEGREE, Spline, inner_knots, spline_signal
 from .time_derivatives import Jump, by_time, composed, order_in, spline_series

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..runtime.inverse_kinematics.rotations import vector_of
+from ..kernel.inverse_kinematics.rotations import vector_of
 from .point_to_point import QUINTIC
 from .splines import Spline
 

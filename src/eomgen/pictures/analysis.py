@@ -20,7 +20,7 @@ from ..analysis.statics import Deflection
 from ..analysis.tool_budget import Budget
 from ..bending.beams.resultants import COMPONENTS
 from ..description import RobotLike, as_robot
-from ..errors import InputError, renamed
+from ..errors import InputError
 from ..names import show
 from ..shown import scale_of
 from .scene import Array, axis_points, bent_axes, capsules, extent, link_poses, placed, slides_along_beams
@@ -93,7 +93,6 @@ def plot_tracks(
     return drawn.outcome
 
 
-@renamed(found="modes")
 def plot_mode_shapes(
     modes: Modes, robot: RobotLike, path: Path | str | None = None, *, most: int = 6, ax: Any = None
 ) -> Plotted:
@@ -183,7 +182,6 @@ def _draw_lines(axes: Any, lines: Iterable[Array], color: str, width: float) -> 
         axes.plot(*line.T, color=color, linewidth=width, clip_on=False)
 
 
-@renamed(found="response")
 def plot_response(
     response: Response, path: Path | str | None = None, *, most: int = len(CYCLE), ax: Any = None
 ) -> Plotted:
@@ -239,7 +237,6 @@ def _largest(response: Response) -> list[tuple[str, str]]:
     return sorted(shown, key=lambda pair: -shown[pair] / most[response.unit(*pair)])
 
 
-@renamed(found="budget")
 def plot_budget(budget: Budget, path: Path | str | None = None, *, most: int = 6, ax: Any = None) -> Plotted:
     """Plot the largest contributions to the displacement of a frame over time.
 
@@ -270,7 +267,6 @@ def plot_budget(budget: Budget, path: Path | str | None = None, *, most: int = 6
     return drawn.outcome
 
 
-@renamed(found="compliance")
 def plot_compliance(compliance: ComplianceMap, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot the compliance in the softest direction over a plane, in the coordinates of the base frame where it can be.
 

@@ -16,12 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from ..bending.beams.stations import Stations, circle, stations_of
 from ..errors import InputError
 from ..identification.tolerances.result import ToleranceResult
+from ..kernel.complete import Kernel
 from ..names import component_name, show
 from ..robot.coordinates import index_of
 from ..robot.mechanism import follower_positions
 from ..robot.value import COORDINATES, LINEAR, Joint, Placement, Robot, node_link
 from ..robot.value.nodes import SLIDING
-from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
 
 Array = NDArray[np.float64]

@@ -23,8 +23,9 @@ from ..arrays import Array
 from ..errors import DescriptionError, EomgenError
 from ..files import read_regular
 from ..forms.toml_text import read_text
+from ..identifiers import unique_identifiers
 from ..limits import LARGEST
-from ..names import show, unique_identifiers
+from ..names import show
 from ..optional import optional_import
 from ..robot.geometry import rotation_from_rpy
 from ..robot.value import Robot

@@ -8,7 +8,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from ..errors import BuildError
-from ..runtime.kernel import Kernel
+from ..kernel.complete import Kernel
 from ..runtime.raw import Method
 from ..threads import begin_in_thread
 

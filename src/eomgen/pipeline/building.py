@@ -10,15 +10,16 @@ from typing import Any, Literal, cast
 from .._version import __version__
 from ..codegen.kernels.signatures import available
 from ..description import RobotLike
+from ..identifiers import word_in
+from ..kernel.complete import Kernel
 from ..progress import StageReport, no_report, told_at_prompt
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.levels import allowed_levels
+from ..runtime.levels import LEVELS, allowed_levels
 from . import cache as store
 from . import direct_calls
 from .load import one_library
 from .on_demand import OnDemand
-from .options import Options
+from .options import ALL, Options
 from .stages import Described, describe, make_package, tools_for
 
 
@@ -36,9 +37,10 @@ def build(
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives.  Without
-            names each kernel is built when it is first called.
-        dtype, native, flags, level: see Options.
+        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives, gravity
+            and others that are built by name alone.  Without names each kernel is built when it is first called.
+        dtype, native, flags: see Options.
+        level: x86-64 level to compile for, see Options; the best that runs here by default.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees
             a line for every kernel that is built later.
 
@@ -47,11 +49,12 @@ def build(
         BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
             cache that cannot be written; from the call of a kernel where that is what builds it.
     """
-    whole = isinstance(kernels, str) and kernels == "all"
-    options = Options(() if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), level=level)
+    whole = isinstance(kernels, str) and kernels == ALL
+    levels = (word_in("level", level, LEVELS),) if level else ()
+    options = Options((ALL,) if whole else cast(tuple[str, ...], kernels), dtype, native, tuple(flags), levels=levels)
     described = describe(robot, options)
     with told_at_prompt("building", progress) as report:
-        return _at_once(described, report) if whole or options.kernels else _on_demand(described, progress)
+        return _at_once(described, report) if options.kernels else _on_demand(described, progress)
 
 
 def build_groups(robot: Robot, groups: Mapping[str, tuple[str, ...]], progress: StageReport = no_report) -> Kernel:

@@ -6,21 +6,28 @@ import json
 import os
 import sys
 import warnings
+from dataclasses import replace
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from ..codegen.kernels.groups import PACKAGE, kernel_group
+from ..codegen.kernels.signatures import OWN_KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
-from ..names import plain_path
+from ..identifiers import plain_path
+from ..names import show
 from ..progress import StageReport, no_report, tells_at_prompt
+from ..robot.value import Robot
+from ..runtime.levels import best_level
 from . import cache as store
 from . import direct_calls
 from .derivations import derived_model
 from .folders import new_folder, put_folder
-from .options import Options
-from .stages import Described, describe, make_package, tools_for
+from .options import ALL, Options
+from .stages import Described, derive, describe, make_package, tools_for
 
+MOST_SAMPLES = 1000
 _LARGEST = 1 << 28  # bytes of a package's metadata
 NEEDED = ("numpy", "cffi", "_cffi_backend", "eomgen")  # what a package imports, and what writes it
 _BINARIES = (".so", ".pyd", ".dylib", ".dll")
@@ -35,11 +42,12 @@ def generate(
     cmake: bool = False,
     ros2: bool = False,
     report: Path | str | None = None,
+    samples: int = 0,
     progress: StageReport = no_report,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
-    It has binaries for all x86-64 levels, those of further levels in separate folders, and loads the best
+    It has binaries for several x86-64 levels, those of further levels in separate folders, and loads the best
     one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
     The header says what SymPy derived of the robot's joints, and how many terms of eqs. (11) and (12) vanish by which
     lemma.  A package of an earlier generation there is replaced; a folder that holds anything else is refused.
@@ -47,11 +55,13 @@ def generate(
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the package's folder is made.
-        options: see Options.
+        options: see Options; by default with the kernels of PACKAGE, for any processor and for the best level here.
         cmake: write a header for C++17, a CMake project, a pkg-config file and a MEX file's source for MATLAB, too.
         ros2: write them, and a package of ROS 2 in the folder ``ros2``, which simulates the robot.
         report: file to write the derivation to, .html or .tex: joint matrices, surviving terms, and of small robots
             the closed form.
+        samples: with the C99 program NAME_samples.c, which tests all functions in so many random states, up to
+            MOST_SAMPLES; 0: without.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -60,16 +70,21 @@ def generate(
             report has another ending.
         BuildError: see ``build``.
     """
+    from ..codegen.c.samples import render_samples
     from ..codegen.derivation.report import render_report, with_summary
 
     folder, robot = Path(as_path(folder, "folder")), as_robot(robot)
     page = None if report is None else check_ending(report, ".html", ".tex", label="report")
+    if isinstance(samples, bool) or not isinstance(samples, int) or not 0 <= samples <= MOST_SAMPLES:
+        raise InputError(f"samples: {show(samples)}; allowed: a whole number from 0 to {MOST_SAMPLES}")
     hidden = check_module_name(robot.name)
     if hidden:
         warnings.warn(hidden, EomgenWarning, stacklevel=3)  # above the function that tells at a prompt
-    described = describe(robot, options or Options()).with_beside()
+    described = describe(robot, package_options(robot, options)).with_beside()
     files, model, header = _files_of_levels(described, progress), derived_model(robot), f"{robot.name}.h"
     files = {**files, header: with_summary(files[header].decode("ascii"), model).encode("ascii")}
+    if samples:
+        files[f"{robot.name}_samples.c"] = render_samples(derive(described), samples).encode("ascii")
     target = folder / robot.name
     try:
         _write_package(target, files, described.options, cmake=cmake or ros2, ros2=ros2)
@@ -78,6 +93,20 @@ def generate(
     if page is not None:
         write_atomically(page, lambda stream: stream.write(render_report(model, page.suffix).encode()), read=None)
     return target
+
+
+def package_options(robot: RobotLike, options: Options | None = None) -> Options:
+    """Return options with the kernels that a robot's package has: of PACKAGE without names, and for "all" every one."""
+    options = options or Options()
+    named = [name for name in options.kernels if name != ALL]
+    group = PACKAGE if not options.kernels else OWN_KERNELS if ALL in options.kernels else ()
+    return replace(options, kernels=tuple(dict.fromkeys((*kernel_group(as_robot(robot), group), *named))))
+
+
+def left_out(robot: Robot) -> tuple[str, ...]:
+    """Return names of the kernels, without derivatives, that a robot has and a package has on request alone."""
+    described = describe(robot, package_options(robot)).with_beside()
+    return tuple(x for x in kernel_group(described.model, OWN_KERNELS) if x not in described.options.kernels)
 
 
 def _write_package(target: Path, files: store.Files, options: Options, *, cmake: bool, ros2: bool) -> None:
@@ -102,11 +131,14 @@ def _files_of_levels(described: Described, progress: StageReport) -> store.Files
 
     options, name, compiler = described.options, described.robot.name, find_compiler()
     possible = possible_levels(compiler, options.flags)
-    if options.level:
-        check_possible(options.level, possible)
-    levels = ("",) if options.native else (options.level,) if options.level else possible
+    asked = possible if ALL in options.levels else options.levels
+    for level in asked:
+        check_possible(level, possible)
+    best = dict.fromkeys((possible[0], best_level(possible)))
+    levels = ("",) if options.native else asked or tuple(best)
     made = [make_package(described, tools_for(options, level), "", progress).files for level in levels]
-    collected = {**carried_contents(), **made[0]}
+    codes = [data.decode("ascii") for file, data in made[0].items() if file.endswith((".c", ".h"))]
+    collected = {**carried_contents(*codes), **made[0]}
     for level, files in zip(levels[1:], made[1:], strict=True):
         loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{name}.py")]
         collected |= {f"{level}/{file}": files[file] for file in loaded}
@@ -119,8 +151,8 @@ def _write_project(package: Path, name: str, options: Options, ros2: bool) -> No
     from ..codegen.c.ros2 import ros2_files
     from ..codegen.package.compile import kernel_flags
 
-    meta = json.loads((package / f"{name}.json").read_text(encoding="ascii"))
-    for file, text in project_files(meta, (*kernel_flags(options.native), *options.flags)).items():
+    meta, header = json.loads((package / f"{name}.json").read_bytes()), (package / f"{name}.h").read_text("ascii")
+    for file, text in project_files(meta, header, (*kernel_flags(options.native), *options.flags)).items():
         (package / file).write_text(text, encoding="ascii")
     for file, text in ros2_files(meta).items() if ros2 else ():
         place = package / "ros2" / file

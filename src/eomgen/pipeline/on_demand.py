@@ -95,10 +95,9 @@ class OnDemand:
         return meta
 
     def source(self, file: str) -> str:
-        """Return the text of NAME.h, NAME.c or NAME.json with all kernels but derivatives."""
+        """Return the text of NAME.h, NAME.c, NAME_batch.c or NAME.json with all kernels but derivatives."""
         source = rendered(self.described.of(()), self.progress).source
-        texts = {"h": source.header, "c": source.code, "json": source.meta}
-        return texts[file.removeprefix(f"{self._name}.")]
+        return {**source.files, f"{self._name}.json": source.meta}[file]
 
     def together(self, kernels: Names) -> OneLibrary:
         """Return these kernels in one library.

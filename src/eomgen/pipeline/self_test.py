@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..codegen.c.expected import FAILS, PASSES, STATES, read_expected
+from ..codegen.c.expected import FAILS, ITERATED, PASSES, ROUNDING, STATES, STEP, read_expected, within
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
+from ..kernel.stepping.methods import ADAPTIVE as METHODS_IN_C
+from ..kernel.stepping.options import rollout_of
 from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
-from ..runtime.stepping.methods import ADAPTIVE as METHODS_IN_C
-from ..runtime.stepping.methods import FIXED
-from ..runtime.stepping.options import rollout_of
+from ..runtime.rollouts import FIXED
 from . import cache as store
 from .load import tried_module
 
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 
 ROWS = [row.bit_count() % STATES for row in range(35)]  # states of a batch: two vectors of 16 lanes, and some
-UNITS = 16.0  # eps of a sum of results by its terms
-STEP = {"float64": 2.0**-200, "float32": 2.0**-60}  # s; so short that velocities change by the accelerations alone
-ITERATED = 256.0 * UNITS  # eps of velocities behind a step that is solved by iterations
 
 
 def check_package(
@@ -151,7 +148,7 @@ class _Check:
         if f"{name} places" in self.expected:
             terms = numbers[self.expected[f"{name} places"]].astype(np.float64) * self.expected[f"{name} weights"]
             numbers = terms.sum(axis=1)
-            near = near + UNITS * self.eps * np.abs(terms).sum(axis=1).max(initial=0.0)
+            near = near + ROUNDING * self.eps * np.abs(terms).sum(axis=1).max(initial=0.0)
         yield from self._compared(called, numbers, wanted, near)
 
     def _of_steps(self, rollout: RawFunction, called: str) -> Iterator[str]:
@@ -203,8 +200,8 @@ class _Check:
 
     def _compared(self, called: str, numbers: Array, wanted: Array, near: Array) -> Iterator[str]:
         """Yield a message about the first number that is not near that which is wanted; NaN never is."""
-        within = near + UNITS * self.eps * np.abs(wanted) + float(np.finfo(self.raw.dtype).tiny)
-        right = (np.abs(numbers - wanted) <= within) | ~np.isfinite(wanted) | ~np.isfinite(near)
+        allowed = within(wanted, near, str(self.raw.dtype))
+        right = (np.abs(numbers - wanted) <= allowed) | np.isinf(allowed)
         if not right.all():
             at = int(np.argmin(right))
             yield f"{called} returns {float(numbers[at])!r} for {float(wanted[at])!r} at {at}"

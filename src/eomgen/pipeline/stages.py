@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._version import __version__
+from ..codegen.kernels.groups import kernel_group
 from ..codegen.kernels.signatures import BATCHES, OWN_KERNELS, SINGLES, available, library_objects, with_beside
 from ..description import RobotLike, as_robot
 from ..progress import StageReport, no_report
@@ -33,7 +34,7 @@ from . import direct_calls
 from .derivations import derived_model
 from .generator_key import generator_hash
 from .library_objects import LibraryObjects
-from .options import Options
+from .options import ALL, Options
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
@@ -60,7 +61,8 @@ class Described:
     def key(self) -> str:
         """Hash of the description, the options that change the source, and the generator's code."""
         options = self.options
-        parts = [self.robot_hash, options.kernels, options.dtype, options.batches, __version__, generator_hash()]
+        chosen = [options.kernels, options.dtype, options.batches, options.scalar, options.libm]
+        parts = [self.robot_hash, *chosen, __version__, generator_hash()]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
     def of(self, kernels: Sequence[str]) -> Described:
@@ -98,7 +100,12 @@ def describe(robot: RobotLike, options: Options) -> Described:
         options: see Options.
     """
     robot = as_robot(robot)
-    return Described(build_model(robot), robot_hash(robot), options)
+    model, kernels = build_model(robot), options.kernels
+    if kernels == (ALL,):
+        kernels = ()
+    elif ALL in kernels:
+        kernels = tuple(dict.fromkeys((*kernel_group(model, OWN_KERNELS), *(name for name in kernels if name != ALL))))
+    return Described(model, robot_hash(robot), replace(options, kernels=kernels))
 
 
 def tools_for(options: Options, level: str = "") -> Tools:
@@ -106,10 +113,10 @@ def tools_for(options: Options, level: str = "") -> Tools:
 
     Args:
         options: see Options.
-        level: of processors, which may be beyond this one; that of the options, or the best here, if empty.
+        level: of processors, which may be beyond this one; the best of the options', or the best here, if empty.
 
     Raises:
-        InputError: this processor does not run the options' level, or $EOMGEN_LEVEL is no level that it runs.
+        InputError: this processor does not run the options' best level, or $EOMGEN_LEVEL is no level that it runs.
         BuildError: there is no compiler, or it makes no code for the level.
     """
     from ..codegen.package.compile import compile_flags, find_compiler
@@ -118,7 +125,7 @@ def tools_for(options: Options, level: str = "") -> Tools:
     compiler = find_compiler()
     if options.native:
         return Tools(compiler, compile_flags(compiler, True, options.flags, quick=options.quick), NATIVE, True)
-    level = level or chosen_level(options.level, compiler, options.flags)
+    level = level or chosen_level(options.levels[-1] if options.levels else "", compiler, options.flags)
     flags = compile_flags(compiler, False, options.flags, level, options.quick)
     return Tools(compiler, flags, level, level in allowed_levels())
 
@@ -136,7 +143,7 @@ def render(equations: Equations, options: Options) -> Rendered:
     from ..codegen.c.expected import pack_expected
     from ..codegen.c.sources import render as render_source
 
-    source = render_source(equations, batches=options.batches)
+    source = render_source(equations, batches=options.batches, scalar=options.scalar, libm=options.libm)
     return Rendered(source, pack_expected(equations))
 
 
@@ -208,7 +215,7 @@ def make_package(described: Described, tools: Tools, half: str = "", progress: S
     """
     options = described.options
     kernels = [name for name in options.kernels or OWN_KERNELS if name in available(described.model)]
-    halves = (half,) if half else (SINGLES, BATCHES) if options.batches else (SINGLES,)
+    halves = (half,) if half else (SINGLES, BATCHES) if options.batches and not options.scalar else (SINGLES,)
     parts = {one: library_objects(kernels, one) for one in halves}
     direct_calls.begin(tools.compiler)
     library = LibraryObjects(tools.compiler, tools.flags, options.dtype, parts)

@@ -21,7 +21,8 @@ from ..codegen.kernels.equations import Equations, derive_equations
 from ..codegen.kernels.signatures import DTYPES, KERNELS, available, shapes, signatures_of
 from ..codegen.program.ir import Program
 from ..description import RobotLike, as_robot
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
+from ..identifiers import check_kind
 from ..names import listed, show
 from ..progress import StageReport, no_report
 from ..robot.model import Model, build_model

@@ -17,7 +17,7 @@ from ..codegen.kernels.groups import ADVICE_ON_FLOAT32, kernel_group
 from ..codegen.kernels.signatures import signatures_of
 from ..codegen.program.ir import Program
 from ..description import RobotLike, as_robot
-from ..errors import check_kind
+from ..identifiers import check_kind
 from ..progress import StageReport, no_report, tells_at_prompt
 from ..robot.model import Model, build_model
 from .adjoints import contributions

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..codegen.kernels.signatures import shapes
-from ..errors import InputError, UnknownNameError, check_kind
+from ..errors import InputError, UnknownNameError
+from ..identifiers import check_kind
 from ..names import component_name, joint_of, kind_of, parameter_name, show
 from ..robot.mechanism import position_limits
 from ..robot.model import Model

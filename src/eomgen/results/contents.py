@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import Reader, check_ending, read_regular, write_atomically
 from ..forms.plain import parse_json, value_of
+from ..identifiers import show_path
 from ..limits import LARGEST_FOUND
-from ..names import show, show_path
+from ..names import show
 from ..npz import most_bytes
 from .beside import JSON as JSON
 from .beside import NPZ as NPZ

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any, NamedTuple
 
-from ..errors import check_kind
+from ..identifiers import check_kind
 from ..limits import LARGEST
 
 LINEAR = ("x", "y", "z")

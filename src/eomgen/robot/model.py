@@ -13,20 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NoReturn
 
-from ..errors import DescriptionError, UnknownNameError, check_kind
-from ..names import (
-    IDENTIFIER_RULE,
-    ROBOT_RULE,
-    component_name,
-    is_identifier,
-    is_robot_name,
-    joint_of,
-    kind_of,
-    listed,
-    parameter_name,
-    parameter_path,
-    show,
-)
+from ..errors import DescriptionError, UnknownNameError
+from ..identifiers import IDENTIFIER_RULE, ROBOT_RULE, check_kind, is_identifier, is_robot_name, parameter_path
+from ..names import component_name, joint_of, kind_of, listed, parameter_name, show
 from ..once import kept
 from .coordinates import coordinate_names
 from .elements import MATRICES

@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import Any, NoReturn
 
 from ..errors import DescriptionError
-from ..names import nearest, parameter_name, parameter_path, show
+from ..identifiers import parameter_path
+from ..names import nearest, parameter_name, show
 from .coordinates import MODE
 from .elements import JOINT_ELEMENTS, KINDS, Spring
 from .internal_states.bristles import FADING, PASSIVITY
@@ -18,15 +19,12 @@ from .numbers import Number
 from .value import COORDINATES, MOTOR, Robot
 
 FORMS = (
-    "gravity[.x], links.LINK.mass, links.LINK.com[.x] (or inertia[.xx], modes.1.stiffness), "
-    "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
-    "joints.JOINT.stiffness.x.beta (or damping, damping.linear), "
-    "joints.JOINT.motor.inertia (or ratio), joints.JOINT.pitch, "
-    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
-    "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
-    "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
-    "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
-    "damping, free_length), springs.SPRING.points[.0.x], "
+    "gravity[.x], links.LINK.mass (or com[.x], inertia[.xx], modes.1.stiffness), joints.JOINT.COORDINATE.stiffness (or"
+    " damping, armature), joints.JOINT.offset[.x] (or pitch, placement.xyz[.0], placement.rpy[.0], stiffness.x.beta,"
+    " damping.x.beta, damping.linear, motor.inertia, motor.ratio), frames.FRAME.placement.xyz[.0] (or rpy),"
+    " loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x] (or placements[.0.xyz.0]),"
+    " couplings.COUPLING.ratio[.JOINT.COORDINATE] (or stiffness, damping, offset), springs.SPRING.stiffness (or"
+    " damping, free_length, points[.0.x]), "
     + ", ".join(f"{table}.{x.KIND.upper()}.{next(iter(x.NUMBERS))}" for table, x in KINDS.items() if x is not Spring)
     + "; * stands for any one component"
 )

@@ -8,8 +8,9 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..errors import InputError, check_kind
+from ..errors import InputError
 from ..forms.plain import value_of
+from ..identifiers import check_kind
 from ..limits import LARGEST
 from ..names import show
 from ..once import kept

@@ -19,10 +19,10 @@ from ..forms.keys import (
     Whole,
 )
 from ..forms.tables import Entries, Form, Kinds, Sub, angle_keys
+from ..identifiers import IDENTIFIER_RULE
+from ..kernel.stepping.methods import METHODS
 from ..motion.point_to_point import MINIMUM_SNAP, QUINTIC, SMOOTHEST
 from ..motion.timetable import INTERPOLATIONS
-from ..names import IDENTIFIER_RULE
-from ..runtime.stepping.methods import METHODS
 
 LEAST_TIME = 1e-9  # s
 _BY = "m or rad"

@@ -16,8 +16,9 @@ from ..files import as_path
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
+from ..identifiers import show_path
 from ..motion.timetable import TimeTable
-from ..names import nearest, show, show_path
+from ..names import nearest, show
 from ..robot.coordinates import FORCES
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import lowest_moments

@@ -28,6 +28,11 @@ from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import InputError
 from ..integration.plan import may_take_radau, turns_of
 from ..integration.until import Until
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import Gains
+from ..kernel.stepping.methods import AUTO, EXPLICIT_METHODS, IN_C, RADAU
+from ..kernel.stepping.options import rollout_of
+from ..kernel.stepping.saturation import efforts_of
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
@@ -42,11 +47,6 @@ from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_c
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import Gains
-from ..runtime.stepping.methods import AUTO, EXPLICIT_METHODS, IN_C, RADAU
-from ..runtime.stepping.options import rollout_of
-from ..runtime.stepping.saturation import efforts_of
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from ..state.springs import any_spring

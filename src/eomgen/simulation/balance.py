@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import WORKS
-from ..runtime.stepping.rollouts import cut_apart
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import WORKS
+from ..runtime.rollouts import cut_apart
 from ..shown import Shown
 from ..state.drives import has_drives
 from ..state.vectors import prescribed_mask

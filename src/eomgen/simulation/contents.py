@@ -15,21 +15,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..forms.plain import value_of
+from ..identifiers import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, is_state_name
 from ..integration.contacts import Contact
 from ..integration.resting import Rest
 from ..limits import LARGEST_FINITE, LARGEST_FOUND, MOST_ENTRIES
-from ..names import (
-    IDENTIFIER_RULE,
-    ROBOT_RULE,
-    component_name,
-    is_identifier,
-    is_robot_name,
-    is_state_name,
-    joint_of,
-    kind_of,
-    listed,
-    show,
-)
+from ..names import component_name, joint_of, kind_of, listed, show
 from ..results.stored import Stored
 from ..robot.coordinates import MODE, UNITS, is_kind, rotating_joints, unit_of
 from ..robot.elements.journal import RADIAL

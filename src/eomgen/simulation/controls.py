@@ -10,12 +10,12 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays import Array, Index, Mask
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import DriveData, Gains, ModelDrive, Track
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..robot.coordinates import index_of
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import DriveData, Gains, ModelDrive, Track
 from ..state.motors import shafts
 from ..state.vectors import prescribed_mask
 from .mechanism import Mechanism

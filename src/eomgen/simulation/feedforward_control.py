@@ -11,12 +11,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import DescriptionError, InputError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import Gains, Signal
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import Gains, Signal
 from ..scenario.value import Scenario, Section
 from .controls import actuators
 from .sampled_drive import SampledDrive

@@ -11,14 +11,14 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import IntegrationError, LoopError
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 from ..loops.equilibrium import closed_equilibrium
 from ..robot.coordinates import force_unit_of, index_of
 from ..robot.mechanism import leading_home
 from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..scenario.value import Scenario
 from ..state.drives import has_drives, inputs_with, settled
 from ..state.motors import shafts, turn_motors

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Array
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import LinkWrench
 from ..names import parameter_name
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import LinkWrench
 from ..scenario.value import Scenario, Wrench
 
 _AXES = "xyz"

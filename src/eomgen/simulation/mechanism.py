@@ -10,12 +10,12 @@ import numpy as np
 
 from ..arrays import Array, Index, Mask
 from ..errors import LoopError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import ChartData, MechanismData
 from ..loops.turning import TurningChart
 from ..motion.point_to_point import Program
 from ..names import joint_of
 from ..robot.coordinates import index_of
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import ChartData, MechanismData
 from ..state.vectors import MotionFunction, prescribed_mask
 
 FINE = 0.05  # rad or m, between two states of a path that is assembled from one to the next

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import InputError, ReachError
+from ..kernel.complete import Kernel
+from ..kernel.stepping.input_signals import Track, Waves
 from ..motion.ends import default_ends, limits_beside, point_of
 from ..motion.files import MeasuredMotion, read_motion
 from ..motion.point_to_point import QUINTIC, PointToPoint, Program, smoothness
@@ -20,8 +22,6 @@ from ..motion.tool_path import Orientation, ToolCircle, ToolLine, ToolSpline
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.input_signals import Track, Waves
 from ..scenario.value import Scenario, Section
 
 MOVING_SHARE = 0.8  # of the duration; the rest shows what rings after the motion

@@ -17,11 +17,12 @@ from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
 from ..files import as_path
 from ..forms.plain import printable
+from ..identifiers import plain_path
 from ..integration.contacts import STOP, Contact
 from ..integration.reference_motions import GlobalError
 from ..integration.trajectory import Trajectory, motion_columns
 from ..motion.files import MeasuredMotion, write_motion
-from ..names import kind_of, listed, nearest, plain_path, show
+from ..names import kind_of, listed, nearest, show
 from ..npz import read_npz
 from ..results.contents import FORMAT, META, as_plain, plain_fields, plain_of, write_npz
 from ..robot.coordinates import index_of, unit_of

@@ -29,6 +29,8 @@ from ..integration.reference_motions import references
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
+from ..kernel.complete import Kernel
+from ..kernel.stepping.methods import EXPLICIT_METHODS, Method
 from ..limits import LARGEST, is_usable
 from ..motion.ends import Point, size_question
 from ..motion.exceeding import excess_notes, excesses
@@ -41,9 +43,7 @@ from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.internal_states.drives import short_time_notes
 from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.methods import EXPLICIT_METHODS, Method
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.drives import has_drives

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Array, Index
-from ..runtime.stepping.input_signals import DriveData, Gains, Signal, Track
+from ..kernel.stepping.input_signals import DriveData, Gains, Signal, Track
 from .controls import clipped
 
 

@@ -24,11 +24,11 @@ from ..integration.steps import Record, output_times
 from ..integration.system import System
 from ..integration.trajectory import Trajectory
 from ..integration.until import Until
+from ..kernel.complete import Kernel
+from ..kernel.stepping.reading_inputs import signals_of
 from ..progress import Progress
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.reading_inputs import signals_of
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import SUBINTERVALS, TERMS, EnergyBalance, integrated, with_nodes, works

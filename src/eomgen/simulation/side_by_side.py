@@ -18,16 +18,16 @@ from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
 from ..integration.system import System
 from ..integration.trajectory import Trajectory
+from ..kernel.stepping import reading_inputs
+from ..kernel.stepping.adaptive import DONE
+from ..kernel.stepping.alternation import implicit_spans
+from ..kernel.stepping.input_signals import InputSignals
+from ..kernel.stepping.methods import IN_C
+from ..kernel.stepping.motions import BatchMotion
+from ..kernel.stepping.options import ErrorControl
+from ..kernel.stepping.packed_inputs import PackedInputs
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
-from ..runtime.stepping import reading_inputs
-from ..runtime.stepping.adaptive import DONE
-from ..runtime.stepping.alternation import implicit_spans
-from ..runtime.stepping.input_signals import InputSignals
-from ..runtime.stepping.methods import IN_C
-from ..runtime.stepping.motions import BatchMotion
-from ..runtime.stepping.options import ErrorControl
-from ..runtime.stepping.packed_inputs import PackedInputs
 from ..scenario.value import Scenario
 from .assembly import Assembly
 from .initial import initial_state

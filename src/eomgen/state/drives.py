@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import IntegrationError, check_kind
+from ..errors import IntegrationError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
+from ..kernel.kernel_methods import KernelFunctions
 from ..names import split_state
 from ..robot.coordinates import force_unit_of
 from ..robot.internal_states.drives import DRIVE, STATES
 from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
-from ..runtime.kernel import Kernel
-from ..runtime.methods.kernel_methods import KernelFunctions
 from ..runtime.raw import name_of
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from .elements import element_numbers
 from .vectors import state_vector
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..arrays import Array
+from ..kernel.complete import Kernel
 from ..names import component_name, joint_of, kind_of, parameter_name
 from ..robot.elements import KINDS, MATRICES
 from ..robot.elements.joint_damping import MOVED, lag_of
 from ..robot.elements.matrices import PAIRS, entry_name
 from ..robot.parameter_names import CUT_MOTIONS, CUT_STIFFNESSES, MOTIONS, STIFFNESSES
-from ..runtime.kernel import Kernel
 
 Numbers = dict[str, dict[str, float]]  # by owner, then by their names in its table
 

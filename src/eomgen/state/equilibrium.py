@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError, check_kind
+from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
+from ..identifiers import check_kind
+from ..kernel.complete import Kernel
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import WrenchLike
 from ..runtime.singular import inertias
+from ..runtime.wrenches import WrenchLike
 from .drives import DrivesAtRest
 from .internal_states import StatesLike, refuse_moving, state_values
 from .springs import coordinate_sizes, line_rates, stiffnesses

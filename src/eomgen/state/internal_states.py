@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
+from ..kernel.complete import Kernel
 from ..names import listed, nearest_or_all, show, split_state
 from ..robot.internal_states.branches import BRANCHES
-from ..runtime.kernel import Kernel
-from ..runtime.stepping.rollouts import cut_apart
+from ..runtime.rollouts import cut_apart
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector

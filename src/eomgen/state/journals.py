@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..kernel.complete import Kernel
 from ..names import component_name
 from ..robot.elements.journal import CROSSWISE, RADIAL, TILTING
 from ..robot.parameter_names import BEARINGS, CUT_BEARINGS
-from ..runtime.kernel import Kernel
 from .elements import element_numbers
 
 Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``Radial.NUMBERS``

@@ -7,8 +7,8 @@ from collections.abc import Container
 import numpy as np
 
 from ..arrays import Array
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 
 
 def shafts(kernel: Kernel) -> dict[str, str]:

@@ -8,12 +8,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..arrays import Array
-from ..errors import check_kind
+from ..identifiers import check_kind
+from ..kernel.by_name import follower_matrix
+from ..kernel.complete import Kernel
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, states_of, stiffness_of
 from ..robot.parameter_names import CUTS, JOINTS, LINES
-from ..runtime.by_name import follower_matrix
-from ..runtime.kernel import Kernel
 from ..runtime.raw import Setup
 from .elements import (
     Numbers,

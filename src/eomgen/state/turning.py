@@ -7,11 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..arrays import Array, Index, Mask
-from ..names import component_name
-from ..robot.coordinates import QUATERNION, index_of, rotating_joints
-from ..robot.value import ANGULAR
-from ..runtime.kernel import Kernel
-from ..runtime.turning import (
+from ..kernel.complete import Kernel
+from ..kernel.turning import (
     BACK,
     ON,
     SINGULAR,
@@ -19,6 +16,9 @@ from ..runtime.turning import (
     both_ways,
     seen,
 )
+from ..names import component_name
+from ..robot.coordinates import QUATERNION, index_of, rotating_joints
+from ..robot.value import ANGULAR
 
 
 def quaternions(angles: Array) -> Array:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Mask
-from ..errors import ArrayError, check_kind
-from ..names import are_names
+from ..errors import ArrayError
+from ..identifiers import are_names, check_kind
+from ..kernel.complete import Kernel
 from ..runtime.arrays import numbers_in
-from ..runtime.kernel import Kernel
-from ..runtime.methods.wrenches import WrenchLike
+from ..runtime.wrenches import WrenchLike
 
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
 WrenchFunction = Callable[[float, Array, Array], WrenchLike]  # (t, q, v) -> (links, 6), or by frame and link

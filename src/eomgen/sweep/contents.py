@@ -10,9 +10,10 @@ from typing import Any
 from ..errors import InputError
 from ..forms.plain import value_of
 from ..forms.tables import Form
+from ..identifiers import is_identifier, is_robot_name
 from ..limits import LARGEST_FOUND
 from ..motion.exceeding import KINDS
-from ..names import is_identifier, is_robot_name, listed, show
+from ..names import listed, show
 from .design import Design
 from .keys import DESIGNS, DISTRIBUTIONS, MOST_SAMPLES
 from .measures import Column

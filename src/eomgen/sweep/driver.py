@@ -26,8 +26,9 @@ from ..errors import EomgenError, InputError
 from ..files import as_path
 from ..forms.dotted_paths import get_path
 from ..forms.toml_text import parse_toml
+from ..identifiers import parameter_path
 from ..integration.plan import IntegratorPlan
-from ..names import parameter_path, show
+from ..names import show
 from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.model import tool_of
 from ..robot.parameter_names import expand_each, expand_tunable

@@ -10,11 +10,11 @@ import numpy as np
 from ..arrays import Array
 from ..codegen.kernels.groups import JOINT_REACTIONS
 from ..errors import InputError
+from ..kernel.complete import Kernel
 from ..motion.exceeding import excesses
 from ..names import joint_of
 from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.result import SimulationResult

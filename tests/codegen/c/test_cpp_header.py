@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 import eomgen
 from eomgen.codegen.c import project
-from eomgen.codegen.c.project import TAKEN, identifiers, project_files, quoted, safe, view
+from eomgen.codegen.c.names import TAKEN, identifiers, safe
+from eomgen.codegen.c.project import project_files, quoted, view
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import LoopError, SingularError
 from eomgen.names import kind_of
@@ -25,7 +26,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.robot.coordinates import MODE
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.methods.bound import frame_number
+from eomgen.runtime.bound import frame_number
 from eomgen.runtime.raw import RawFunction
 from tests.support.bristles import servo_arm
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, package_of, program, run
@@ -500,7 +501,7 @@ def test_words_of_cpp_as_names(tmp_path: Path) -> None:
     """Robots, links and joints with such names, all in one program, with the compilers' own macros."""
     names = ("namespace", "std", "linux", "sin", "eomgen_h", "detail")
     folders = [package_of(reserved(name), tmp_path, "mass_matrix", "kinematics") for name in names]
-    both = "".join(f'#include "{name}.hpp"\n#include "{name}_names.h"\n' for name in names)
+    both = "".join(f'#include "{name}.hpp"\n#include "{name}.h"\n' for name in names)
     uses = "".join(
         f"static_assert(eomgen::{safe(name)}::links::template_ == std::size_t({name.upper()}_LINK_template_));\n"
         f'static_assert(eomgen::{safe(name)}::link_names[eomgen::{safe(name)}::links::NULL_] == "NULL");\n'
@@ -529,7 +530,7 @@ def test_identifiers_are_different() -> None:
 def test_flags_of_the_project() -> None:
     """Those of the kernel, in their order, with the last optimisation level alone."""
     meta = json.loads((Path(__file__).parents[3] / "generated/one_link/one_link.json").read_text(encoding="ascii"))
-    lists = project_files(meta, ("-O2", "-fno-math-errno", "-mllvm", "-x y", "-O1"))["CMakeLists.txt"]
+    lists = project_files(meta, "", ("-O2", "-fno-math-errno", "-mllvm", "-x y", "-O1"))["CMakeLists.txt"]
     assert "\"SHELL:-fno-fast-math -fno-math-errno -mllvm '-x y'\"\n        $<$<NOT:$<CONFIG:Debug>>:-O1>)" in lists
     assert quoted('a"b\\c$d') == '"a\\"b\\\\c\\$d"'
 
@@ -539,7 +540,7 @@ def test_large_arrays_are_not_returned_by_value(tmp_path: Path) -> None:
     package = package_of(eomgen.load_robot("one_link"), tmp_path, "mass_matrix", "forward_dynamics")
     meta, size = json.loads((package / "one_link.json").read_text(encoding="ascii")), project.BY_VALUE + 1
     meta["shapes"][meta["kernels"]["mass_matrix"]["writes"]] = (1, size)
-    (package / "one_link.hpp").write_text(project_files(meta, ())["one_link.hpp"], encoding="ascii")
+    (package / "one_link.hpp").write_text(project_files(meta, "", ())["one_link.hpp"], encoding="ascii")
     path = tmp_path / "main.cpp"
     line = (
         f"void f(const eomgen::one_link::Setup &s, std::array<double, {size}> M)"

@@ -16,18 +16,19 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
+from eomgen.codegen.c.library import included_files
 from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_files
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
-from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
+from tests.support.c_project import COMPILERS, WARNINGS, eigen_prefix, need, run, search_path
 
 pytestmark = pytest.mark.quick
 
 ROOT = Path(__file__).parents[3]
 EMBED = (ROOT / "docs" / "embed.md").read_text(encoding="utf-8")
 NEEDED = ("forward_dynamics", "inverse_dynamics", "energy", "kinematics", "rollout")
-ALONE = Options(("mass_matrix",), level=BASE)
+ALONE = Options(("mass_matrix",), levels=(BASE,))
 START, GOAL = [0.0, -0.5, 0.5, 0.0, 0.0, 0.0], [0.8, -1.0, 1.2, 0.3, -0.4, 0.6]
 DT, STEPS, EVERY = 1e-3, 1000, 50
 
@@ -157,13 +158,15 @@ def test_readmes_of_the_examples_say_what_the_documentation_says() -> None:
 
 def test_blocks_of_the_documentation_compile(tmp_path: Path) -> None:
     need("gcc", "g++")
-    package = generate(eomgen.load_robot("puma560"), tmp_path, Options(NEEDED, flags=("-O0",), level=BASE), cmake=True)
+    package = generate(
+        eomgen.load_robot("puma560"), tmp_path, Options(NEEDED, flags=("-O0",), levels=(BASE,)), cmake=True
+    )
     include = tmp_path / "include"
     include.mkdir()
     (include / "eomgen").symlink_to(package)
     (c,) = re.findall(r"```c\n(.*?)```", EMBED, re.S)
     (cpp,) = re.findall(r"```cpp\n(.*?)```", EMBED, re.S)
-    headers = "#include <eomgen/puma560.h>\n#include <eomgen/puma560_names.h>\n"
+    headers = "#include <eomgen/puma560.h>\n"
     (tmp_path / "block.c").write_text(f"{headers}void f(const double *q);\nvoid f(const double *q)\n{{\n{c}}}\n")
     (tmp_path / "block.cpp").write_text(cpp)
     run("gcc", "-std=c99", "-Wall", "-Werror", "-I", include, "-fsyntax-only", tmp_path / "block.c")
@@ -275,7 +278,7 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 @pytest.mark.soak
 def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) -> None:
     """CMake installs the robot's header and all that it includes, which users alone would miss."""
-    folder = generate("one_link", tmp_path, options=Options(("rollout",), level=BASE), cmake=True)
+    folder = generate("one_link", tmp_path, options=Options(("rollout",), levels=(BASE,)), cmake=True)
     project = (folder / "CMakeLists.txt").read_text(encoding="utf-8")
     seen = ["one_link.h"]
     for header in seen:
@@ -283,6 +286,40 @@ def test_headers_that_a_header_includes_are_installed_with_it(tmp_path: Path) ->
         seen += [place for name in included if (place := f"{Path(header).parent / name}") not in seen]
     assert len(seen) > 1
     assert set(seen) <= set(" ".join(re.findall(r"foreach\(header (.*?)\)", project)).split())
+
+
+STEPS_ALONE = ("adaptive_steps.h", "input_forces.h", "sensitivities.h")
+
+
+@pytest.mark.parametrize(
+    ("kernels", "more"),
+    [
+        (("mass_matrix",), None),
+        (("rollout",), ()),
+        (("rollout", "adaptive_rollout"), STEPS_ALONE[:2]),
+        pytest.param(("rollout", "explicit_gradient"), STEPS_ALONE, marks=pytest.mark.soak),
+    ],
+    ids=lambda x: None,
+)
+def test_a_package_carries_those_files_that_its_c_includes(
+    kernels: tuple[str, ...], more: tuple[str, ...] | None, tmp_path: Path
+) -> None:
+    """It compiles from its own folder, into the functions of one state and into those of batches."""
+    need("gcc")
+    package = generate("one_link", tmp_path, Options(kernels, flags=("-O0",), levels=(BASE,)))
+    header = (package / "one_link.h").read_text(encoding="ascii")
+    declared = set(re.findall(r"^(?:void|int|long long) (one_link_\w+)\(", header, re.M))
+    included = set[str]()
+    for name, is_batch in (("one_link", False), ("one_link_batch", True)):
+        run("gcc", "-c", *WARNINGS, "-std=c99", f"{name}.c", cwd=package)
+        symbols = [line.split()[-2:] for line in run("nm", f"{name}.o", cwd=package).splitlines()]
+        assert {x for kind, x in symbols if kind == "T"} == {x for x in declared if x.endswith("_batch") == is_batch}
+        assert any("lanes" in symbol for _, symbol in symbols) == is_batch
+        included |= set(run("gcc", "-std=c99", "-MM", f"{name}.c", cwd=package).split())
+    carried = {path.relative_to(package).as_posix() for path in (package / "clib").iterdir()}
+    assert carried == {place for place in included if place.startswith("clib/")}
+    assert ("clib/fixed_steps.h" in carried) == (more is not None)
+    assert {name for name in STEPS_ALONE if f"clib/{name}" in carried} == {*(more or ())}
 
 
 def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
@@ -294,8 +331,7 @@ def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
         return {path.name: path.read_bytes() for path in files if path.is_file()}
 
     first, with_project, plain = made("a", True), made("b", True), made("a", False)
-    added = {"CMakeLists.txt", "one_linkConfig.cmake", "one_link.pc.in"}
-    added |= {"one_link.hpp", "one_link_names.h", "one_link_mex.c"}
+    added = {"CMakeLists.txt", "one_linkConfig.cmake", "one_link.pc.in", "one_link.hpp", "one_link_mex.c"}
     assert first == with_project
     assert set(first) - set(plain) == added
     assert plain == {name: text for name, text in first.items() if name not in added}
@@ -306,8 +342,8 @@ def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
 
 def test_the_project_is_compiled_as_the_kernel_is(tmp_path: Path) -> None:
     for native in (False, True):
-        level = "" if native else BASE
-        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",), level=level)
+        levels = () if native else (BASE,)
+        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",), levels=levels)
         package = generate(eomgen.load_robot("one_link"), tmp_path, options, cmake=True)
         (line,) = re.findall(r'"SHELL:(.*)"', (package / "CMakeLists.txt").read_text(encoding="ascii"))
         flags = (*FLAGS, *(NATIVE if native else ()), *options.flags)
@@ -320,19 +356,21 @@ def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: 
     package = generate(eomgen.load_robot("one_link"), tmp_path, ALONE, cmake=True)
     cmake = str(shutil.which("cmake", path=variables["PATH"]))
     run(cmake, "-S", package, "-B", tmp_path / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", env=variables)
-    (job,) = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))
-    command = shlex.split(job["command"])
-    assert "-ffast-math" in command
-    words = [word for word in command[1:] if word.startswith("-f")]
-    asked = [compiler, *words, "-dM", "-E", "-xc", "/dev/null"]  # clang warns that it was told both
-    macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
-    assert "__FAST_MATH__" not in macros
-    assert "#define __FINITE_MATH_ONLY__ 0" in macros
+    jobs = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))
+    assert [Path(job["file"]).name for job in jobs] == ["one_link.c", "one_link_batch.c"]
+    for job in jobs:
+        command = shlex.split(job["command"])
+        assert "-ffast-math" in command
+        words = [word for word in command[1:] if word.startswith("-f")]
+        asked = [compiler, *words, "-dM", "-E", "-xc", "/dev/null"]  # clang warns that it was told both
+        macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+        assert "__FAST_MATH__" not in macros
+        assert "#define __FINITE_MATH_ONLY__ 0" in macros
 
 
 def test_the_committed_sample_is_current(tmp_path: Path) -> None:
     """``make sample`` writes it; the compiled module is not committed."""
-    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
+    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), levels=(BASE,)))
     sample = ROOT / "generated" / "one_link"
 
     def texts(folder: Path) -> dict[str, str]:
@@ -341,4 +379,6 @@ def test_the_committed_sample_is_current(tmp_path: Path) -> None:
         return {name: re.sub(r"SymPy [\w.]+ derived", "SymPy derived", text) for name, text in found.items()}
 
     assert texts(sample) == texts(made)
-    assert set(texts(sample)) == {*carried_files(), "__init__.py", "one_link.c", "one_link.h", "one_link.json"}
+    codes = ("one_link.c", "one_link_batch.c")
+    carried = {*carried_files(), *included_files(*(texts(sample)[file] for file in codes))}
+    assert set(texts(sample)) == {*carried, *codes, "__init__.py", "one_link.h", "one_link.json"}

@@ -152,7 +152,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of one_link with all that both pages speak of."""
     need("gcc", "g++")
     return generate(
-        "one_link", tmp_path_factory.mktemp("pages"), Options(KERNELS, flags=("-O0",), level=BASE), ros2=True
+        "one_link", tmp_path_factory.mktemp("pages"), Options(KERNELS, flags=("-O0",), levels=(BASE,)), ros2=True
     )
 
 
@@ -282,7 +282,7 @@ def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
     need("mkoctfile", "octave")
     robot = eomgen.load_robot(name)
     kernel = eomgen.build(robot, kernels=MEX_KERNELS, flags=("-O0",))
-    package = generate(robot, tmp_path, Options(MEX_KERNELS, flags=("-O0",), level=BASE), cmake=True)
+    package = generate(robot, tmp_path, Options(MEX_KERNELS, flags=("-O0",), levels=(BASE,)), cmake=True)
     flags = [x for x in FLAGS if x.startswith("-f")]
     run("mkoctfile", "--mex", *flags, "-std=c99", *WARNINGS, f"{name}_mex.c", f"{name}.c", cwd=package)
     rng = np.random.default_rng(6)
@@ -321,7 +321,7 @@ def test_octave_gets_the_kernels_bits(name: str, tmp_path: Path) -> None:
 
 
 def test_the_gateway_of_a_closed_robot_does_not_call_a_status_a_coordinate(tmp_path: Path) -> None:
-    options = Options(("forward_dynamics",), flags=("-O0",), level=BASE)
+    options = Options(("forward_dynamics",), flags=("-O0",), levels=(BASE,))
     package = generate(eomgen.load_robot("four_bar"), tmp_path, options, cmake=True)
     text = (package / "four_bar_mex.c").read_text(encoding="ascii")
     assert "four_bar_forward_dynamics(h, in[0], in[1], in[2], out)" in text
@@ -363,7 +363,7 @@ int main()
 def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Path) -> None:
     need("gcc", "g++")
     kernel = eomgen.build(name, kernels=("rollout",), flags=("-O0",))
-    package = generate(name, tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True)
+    package = generate(name, tmp_path, Options(("rollout",), flags=("-O0",), levels=(BASE,)), ros2=True)
     rng = np.random.default_rng(3)
     q, u, dt = rng.uniform(-1e-3, 1e-3, kernel.n), rng.uniform(-1.0, 1.0, kernel.n), 1e-4
     numbers = {key: ", ".join(x.hex() for x in values) for key, values in (("q", q), ("u", u))}
@@ -378,7 +378,7 @@ def test_the_plant_moves_as_the_kernel_says(name: str, method: str, tmp_path: Pa
 
 
 def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
-    package = generate("one_link", tmp_path, Options(("rollout",), flags=("-O0",), level=BASE), ros2=True) / "ros2"
+    package = generate("one_link", tmp_path, Options(("rollout",), flags=("-O0",), levels=(BASE,)), ros2=True) / "ros2"
     root = ElementTree.parse(package / "package.xml").getroot()
     name = root.findtext("name")
     assert root.get("format") == "3"
@@ -395,7 +395,7 @@ def test_the_package_is_one_of_ament(tmp_path: Path) -> None:
 
 def test_a_package_without_rollouts_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="rollout"):
-        generate("one_link", tmp_path, Options(("energy",), flags=("-O0",), level=BASE), ros2=True)
+        generate("one_link", tmp_path, Options(("energy",), flags=("-O0",), levels=(BASE,)), ros2=True)
     assert not (tmp_path / "one_link").exists()
 
 

@@ -29,6 +29,7 @@ from eomgen.codegen.c.metadata import kernel_metadata
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.c.sources import render
+from eomgen.codegen.c.wrapping import COLUMNS, wrapped
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.description.load import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError
@@ -38,7 +39,7 @@ from release.packages import link_package
 from release.pythons import PYTHONS, interpreter
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
-from tests.support.c_project import WARNINGS, check_symbols, elastic_tree, source_of, write_source
+from tests.support.c_project import WARNINGS, check_symbols, elastic_tree, source_of, unwrapped, write_source
 from tests.support.random_robots import random_robot
 from tests.support.refusals import refused
 from tests.support.small_robots import free_body
@@ -90,7 +91,8 @@ def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     meta = kernel_metadata(equations)
     header = header_context(equations, meta, True)
     alone = {**header, **number_context(equations, meta)}
-    given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations)}}
+    code = {**alone, "opening": ""}
+    given = {"kernel.h": header, "opening.c": alone, "kernel.c": code, "batches.c": {**code, **lane_context(equations)}}
     for name, context in given.items():
         loader = environment().loader
         text = loader.get_source(environment(), f"kernel/{name}.jinja")[0]
@@ -134,9 +136,28 @@ def test_no_compiler_warns_of_vectors(name: str, flag: str, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
 def test_no_heap_and_no_static_state(name: str) -> None:
-    code = source_of_robot(name).code
-    assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
-    assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
+    for code in source_of_robot(name).codes.values():
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca|printf|exit|abort)\s*\(", code), name
+        assert all(re.match(r"\s*static const ", x) for x in re.findall(r"^[ \t]+static .*$", code, re.MULTILINE)), name
+
+
+@pytest.mark.parametrize("name", soaked(ROBOTS, QUICK))
+def test_lines_are_short(name: str) -> None:
+    source = source_of_robot(name)
+    assert [x for text in (source.header, *source.codes.values()) for x in text.splitlines() if len(x) > COLUMNS] == []
+
+
+def test_lines_break_between_tokens() -> None:
+    call = f"    f({', '.join(f'argument_{i}' for i in range(12))}); /* {'a word ' * 10}*/\n"
+    texts = f'    const char *x = "{"many words " * 9}"; /* said */\n'
+    comment = f"/* {'word ' * 30}*/\n#define X 1 /* {'word ' * 30}*/\n"
+    broken = wrapped(call + texts + comment)
+    assert [line[:20] for line in broken.splitlines()][:2] == ["    f(argument_0, ar", "            argument"]
+    assert re.findall(r'"[^"]*"', broken) == re.findall(r'"[^"]*"', texts)
+    assert all(len(line) <= COLUMNS for line in broken.splitlines())
+    assert "\n#define X 1 /* word" in broken
+    assert re.sub(r"\s+", " ", broken.replace("\n * ", " ")) == re.sub(r"\s+", " ", call + texts + comment)
+    assert wrapped("x" * 200) == "x" * 200
 
 
 def test_header_in_cpp(tmp_path: Path) -> None:
@@ -174,7 +195,7 @@ def test_text_says_where_it_is_from_and_nothing_of_when_or_who(tmp_path: Path) -
     path.write_text(builtin.read_text(encoding="utf-8"), encoding="utf-8")
     source = source_of(eomgen.load_robot(path))
     assert source == source_of(eomgen.load_robot("one_link"))
-    text = source.header + source.code + source.meta
+    text = source.header + source.code + source.batch_code + source.meta
     assert "my_secret_folder" not in text
     assert not re.search(r"\b20\d\d-\d\d|\d\d:\d\d", text)
     assert f"eomgen {eomgen.__version__}" in source.header
@@ -238,13 +259,9 @@ def test_no_text_of_a_description_reaches_the_code(hostile: str, tmp_path: Path,
         for old, new in own_names(robot, replaced_names(robot)):
             text = re.sub(rf"(?<![A-Za-z0-9]){old}", new, text)
             text = re.sub(rf"(?<![A-Za-z0-9]){old.upper()}(?=_[A-Z])", new.upper(), text)
-        assert squeezed(text) == squeezed(other)
+        assert unwrapped(text) == unwrapped(other)
     kernel = built(robot, "mass_matrix")
     assert kernel.mass_matrix([0.0]).shape == (1, 1)
-
-
-def squeezed(text: str) -> str:
-    return re.sub(r" +", " ", text)
 
 
 def replaced_names(robot: Robot) -> Robot:
@@ -299,7 +316,7 @@ found = {}
 for name in sys.argv[1:]:
     for dtype in ("float64", "float32"):
         source = render(derive_equations(build_model(load_robot(name)), dtype=dtype))
-        text = chr(0).join((source.header, source.code, source.cdef, source.meta))
+        text = chr(0).join((source.header, source.code, source.batch_code, source.cdef, source.meta))
         found[f"{name} {dtype}"] = hashlib.sha256(text.encode()).hexdigest()
 print(json.dumps(found))
 """
@@ -377,6 +394,7 @@ def compile_all(source: Source, folder: Path, ways: Iterable[tuple[str, Sequence
     """Compile by compilers that are here, without a warning, and look at the symbols."""
     for compiler, flags in ways:
         if shutil.which(compiler):
-            out = folder / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", folder / f"{source.name}.c", "-o", out)
-            check_symbols(out, source)
+            for file in source.codes:
+                out = folder / f"{compiler}_{file}.o"
+                compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", folder / file, "-o", out)
+                check_symbols(out, source)

@@ -213,12 +213,12 @@ def test_composed_kernels_find_every_result_in_its_place(monkeypatch: pytest.Mon
     """A kernel that another one calls is there with all its places, and as what its batch writes from."""
     model = branches()
     monkeypatch.setattr(acceleration_slopes, "MOST_PRODUCTS", -1)  # a solution in loops, as of long ones
-    alone = render(derive_equations(model, ("residual_jacobian",))).code
+    alone = render(derive_equations(model, ("residual_jacobian",))).batch_code
     assert "tree_residual_jacobian_packed(" in alone
     assert "tree_residual_jacobian_lanes(" not in alone
-    called = render(derive_equations(model, ("residual_jacobian", "forward_dynamics_jacobian"))).code
-    assert re.search(r"static int tree_residual_jacobian_lanes\(.*\n\{\n    lanes packed\[\d+\];", called)
-    only = render(derive_equations(model, ("forward_dynamics_jacobian",))).code
+    called = render(derive_equations(model, ("residual_jacobian", "forward_dynamics_jacobian"))).batch_code
+    assert re.search(r"static int tree_residual_jacobian_lanes\([^)]*\)\n\{\n    lanes packed\[\d+\];", called)
+    only = render(derive_equations(model, ("forward_dynamics_jacobian",))).batch_code
     assert "tree_residual_jacobian_packed(" not in only
     assert "tree_residual_jacobian_lanes(" in only
 
@@ -258,7 +258,7 @@ def test_code_of_a_sliding_load_grows_with_the_square_of_the_modes(few: int, man
 
     def size(count: int) -> int:
         robot = robot_from_toml(gantry.replace("{ y = 3, z = 1 }", f"{{ y = {count}, z = {count} }}"))
-        return len(render(derive_equations(build_model(robot), ("inverse_dynamics",))).code)
+        return sum(map(len, render(derive_equations(build_model(robot), ("inverse_dynamics",))).codes.values()))
 
     assert size(many) <= (many / few) ** 2 * size(few)
 

@@ -15,9 +15,7 @@ import eomgen
 from eomgen.codegen.c.tableaus import Exact, exact
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.stages import STAGES
-from eomgen.robot.model import build_model
-from eomgen.robot.value import Robot
-from eomgen.runtime.stepping.methods import (
+from eomgen.kernel.stepping.methods import (
     ADAPTIVE,
     COST,
     EXPLICIT,
@@ -30,6 +28,8 @@ from eomgen.runtime.stepping.methods import (
     StepMethod,
     tableaus,
 )
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
 from tests.support.method_rows import BS3, RODAS4

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.model import FIXED_BODY, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.kernel import Kernel
 from eomgen.state.equilibrium import static_equilibrium
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds

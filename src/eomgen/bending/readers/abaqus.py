@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...identifiers import plain_path
 from ...limits import MOST_MATRICES, MOST_SET_MEMBERS, MOST_SETS
-from ...names import plain_path
 from ..finite_elements import DIRECTIONS, MOST_NODES
 from .contents import Entries, Labels, Nodes, keys_of
 from .text import SMALLER, Line, integers, lines_of, number_of, refusal, rows_of_numbers

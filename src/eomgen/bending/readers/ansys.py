@@ -18,7 +18,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...names import plain_path, show
+from ...identifiers import plain_path
+from ...names import show
 from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .calculix import WHAT, by_numbers
 from .contents import Entries, Labels, keys_of

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...names import plain_path
+from ...identifiers import plain_path
 from ..finite_elements import MOST_ROWS
 from .contents import Entries, Labels, keys_of
 from .text import SMALLER, integers, lines_of, refusal, rows_of_numbers

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Index
 from ...errors import InputError
-from ...names import plain_path
+from ...identifiers import plain_path
 from ..finite_elements import DIRECTIONS, MODAL, symmetric_from
 
 Labels = NDArray[np.int64]

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ...names import plain_path
+from ...identifiers import plain_path
 from ..finite_elements import MOST_ENTRIES, MOST_ROWS
 from .contents import Entries, Labels
 from .selection import Selection

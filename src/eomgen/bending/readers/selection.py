@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...errors import InputError
+from ...identifiers import plain_path
 from ...limits import MOST_MATRICES
-from ...names import listed, plain_path
+from ...names import listed
 
 KNOWN = ("AAX", "XX", "AA", "GG", "")  # coordinate sets, after K or M
 _DAMPING = "K4"

@@ -13,7 +13,8 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...files import open_regular
-from ...names import plain_path, show
+from ...identifiers import plain_path
+from ...names import show
 from ...npz import most_bytes
 from ..finite_elements import MOST_ENTRIES
 

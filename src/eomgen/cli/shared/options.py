@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...files import PAGE_ENDING
-from ...names import show_path
+from ...identifiers import show_path
 from ..choices import ROTATIONS
 from .numbers import as_seed, once_each, real, reals
 

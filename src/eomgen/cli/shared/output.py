@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from ...names import printable
+from ...identifiers import printable
 from ...optional import NotInstalledError
 
 _MICRO = re.compile(r"(?<=[0-9] )u(?=(m|rad|s|N|J|W)\b)|(?<=\[)u(?=(m|rad|s|N|J|W)\b)")  # 5 um, [urad]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from ...names import printable
+from ...identifiers import printable
 
 _NEGATIVE = re.compile(r"-(\.?[0-9]|inf|nan)", re.IGNORECASE)  # no option begins so; its type says what is no number
 _SEVERAL = (argparse.ZERO_OR_MORE, argparse.ONE_OR_MORE)

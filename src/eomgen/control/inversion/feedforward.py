@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...motion.time_derivatives import Jump
 from ...names import listed
 from ...pipeline.building import build
@@ -16,7 +17,6 @@ from ...progress import StageReport
 from ...robot.coordinates import index_of
 from ...robot.model import program_coordinates
 from ...robot.value import MOTOR, Robot
-from ...runtime.kernel import Kernel
 from ...scenario.load import as_scenario
 from ..feedforward_result import FeedForward, left_out
 from ..gears import check_kinks, principal_of

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...arrays import Array, Index, rank_by
 from ...errors import InputError, IntegrationError
+from ...kernel.complete import Kernel
 from ...motion.point_to_point import Program
 from ...names import listed
-from ...runtime.kernel import Kernel
 from .collocation import WIDTH, CollocationSpline, equilibrated, least_norm
 from .outputs import Outputs, outputs_of
 from .zeros import InternalZeros, internal_zeros, refuse_undamped

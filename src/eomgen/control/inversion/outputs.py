@@ -9,9 +9,9 @@ import numpy as np
 
 from ...arrays import Array, Index
 from ...errors import InputError, UnknownNameError
+from ...kernel.complete import Kernel
 from ...names import component_name, nearest_or_all, show, split_component
 from ...robot.coordinates import MOTIONS
-from ...runtime.kernel import Kernel
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Index
 from ...errors import InputError
+from ...kernel.stepping.input_signals import DriveData, Gains, Track
 from ...limits import LARGEST, is_usable
 from ...motion.splines import Spline
 from ...names import show
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import Stored
 from ...robot.coordinates import force_unit_of, index_of, unit_of
-from ...runtime.stepping.input_signals import DriveData, Gains, Track
 from ...shown import Shown, prefixed
 from ...tabular import Rows, TableColumn, Tabular
 

@@ -23,6 +23,7 @@ from ...arrays import Array
 from ...codegen.kernels.groups import CONTROLLED_INVERSION
 from ...description import RobotLike, as_robot
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...limits import LARGEST, is_usable
 from ...motion.point_to_point import Program
 from ...names import component_name, listed, show
@@ -33,7 +34,6 @@ from ...robot.mechanism import leading_home
 from ...robot.model import build_model, program_coordinates, tool_of
 from ...robot.value import Robot
 from ...runtime.arrays import names_in
-from ...runtime.kernel import Kernel
 from ...scenario.load import as_scenario
 from ...scenario.value import Scenario
 from ...simulation.assembly import by_coordinate, rigid_kernels

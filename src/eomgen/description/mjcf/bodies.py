@@ -8,16 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eomgen.names import (
-    NAME_LENGTH,
-    component_name,
-    joint_of,
-    kind_of,
-    listed,
-    show,
-    to_identifier,
-    unique_identifiers,
-)
+from eomgen.identifiers import to_identifier, unique_identifiers
+from eomgen.names import NAME_LENGTH, component_name, joint_of, kind_of, listed, show
 from eomgen.robot.bounds import Limits
 from eomgen.robot.elements.joint_damping import JointDamping
 from eomgen.robot.geometry import ZERO

@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from eomgen.names import is_robot_name, joint_of, kind_of, listed, show, to_robot_name
+from eomgen.identifiers import is_robot_name, to_robot_name
+from eomgen.names import joint_of, kind_of, listed, show
 from eomgen.robot.bounds import Limits
 from eomgen.robot.geometry import ZERO
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from eomgen.runtime.stepping.methods import ADAPTIVE as CHOSEN
-from eomgen.runtime.stepping.methods import FIXED
+from eomgen.kernel.stepping.methods import ADAPTIVE as CHOSEN
+from eomgen.runtime.rollouts import FIXED
 
 VERSIONS = (2, 3)  # of FMI
 AUTO = "auto"  # of "rosenbrock" and "tsit5" the one that leads on further for its cost

@@ -23,6 +23,9 @@ from eomgen._version import __version__
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
+from eomgen.kernel.stepping.methods import ADAPTIVE as STEPPERS
+from eomgen.kernel.stepping.methods import COST
+from eomgen.kernel.stepping.options import rollout_of
 from eomgen.names import show
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
@@ -30,9 +33,6 @@ from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING
-from eomgen.runtime.stepping.methods import ADAPTIVE as STEPPERS
-from eomgen.runtime.stepping.methods import COST
-from eomgen.runtime.stepping.options import rollout_of
 
 from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
 from ...codegen.kernels.entries import JOINED

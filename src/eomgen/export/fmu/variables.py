@@ -12,7 +12,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eomgen.names import joint_of, parameter_name, parameter_path
+from eomgen.identifiers import parameter_path
+from eomgen.kernel.stepping.options import LEAST
+from eomgen.names import joint_of, parameter_name
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.elements import KINDS
 from eomgen.robot.internal_states.drives import input_of
@@ -21,7 +23,6 @@ from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.parameter_names import FAMILIES, leasts, number_of
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, Robot
-from eomgen.runtime.stepping.options import LEAST
 
 BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},

@@ -12,6 +12,8 @@ import numpy as np
 from ...arrays import Array, Index
 from ...codegen.kernels.groups import INERTIA
 from ...errors import EomgenError, InputError, LoopError
+from ...kernel.stepping.input_signals import DriveData, ModelDrive, Track, Waves
+from ...kernel.stepping.packed_inputs import plain_model, plain_prescribed, plain_signal, plain_track, plain_wrench
 from ...motion.ends import default_ends, principal_limits
 from ...motion.splines import signal_of
 from ...names import joint_of
@@ -22,8 +24,6 @@ from ...robot.internal_states.drives import CURRENT_LIMIT, VOLTAGE_LIMIT, input_
 from ...robot.mechanism import coordinate_of, drive_of, leading_home
 from ...robot.model import build_model, program_coordinates
 from ...robot.value import Robot
-from ...runtime.stepping.input_signals import DriveData, ModelDrive, Track, Waves
-from ...runtime.stepping.packed_inputs import plain_model, plain_prescribed, plain_signal, plain_track, plain_wrench
 from ...scenario.value import Initial, Scenario, Section
 from ...simulation.assembly import REFERENCES, Assembly, assemble, rigid_kernels
 from ...simulation.controls import Control, NoControl, ReferenceControl

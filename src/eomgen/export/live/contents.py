@@ -12,6 +12,7 @@ from ...codegen.kernels.groups import LIVE_PAGE
 from ...codegen.kernels.interface import places_of_forces
 from ...errors import EomgenError, InputError
 from ...integration.plan import stiff_in_real_time
+from ...kernel.complete import Kernel
 from ...names import kind_of
 from ...pictures.framing import ROUND_OFF, SHOWN_ANGLE, SHOWN_PART, STEP, drawn_points, first_factor
 from ...pictures.scene import extent, program_positions
@@ -20,7 +21,6 @@ from ...robot.coordinates import unit_of
 from ...robot.model import build_model, rigid_coordinates, tool_of
 from ...robot.parameter_names import is_entry
 from ...robot.value import ANGULAR, MOTOR, Robot
-from ...runtime.kernel import Kernel
 from ...scenario.recorded import scenario_from_record
 from ...scenario.value import Scenario
 from ...simulation.assembly import Assembly, is_rigid

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ...names import parameter_path
+from ...identifiers import parameter_path
 from ...robot.parameter_names import leasts
 from ...robot.value import Robot
 from ..fmu.variables import parameter_unit

@@ -16,6 +16,7 @@ import numpy as np
 from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...files import PAGE_ENDING, check_ending, write_atomically
+from ...kernel.turning import rotation
 from ...names import component_name, joint_of
 from ...pictures.scene import bent_axes, extent, placed, turned
 from ...robot.coordinates import unit_of
@@ -23,7 +24,6 @@ from ...robot.geometry import ANGULAR, COORDINATES
 from ...robot.joint_types import rigid_components
 from ...robot.model import Model, build_model
 from ...robot.value import Joint, Loop, Robot, SlidingShapes
-from ...runtime.turning import rotation
 from .geometry import geometry_of, tool_place
 from .page import filled_page
 

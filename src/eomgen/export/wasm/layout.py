@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eomgen.codegen.c.library import library_types
-from eomgen.runtime.stepping.packed_inputs import STRUCTS, Field
+from eomgen.kernel.stepping.packed_inputs import STRUCTS, Field
 
 SIZES = {"int": 4, "size_t": 4, "float": 4, "double": 8, "long long": 8}  # bytes, and what they are aligned to
 POINTER = 4

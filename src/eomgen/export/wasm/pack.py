@@ -20,6 +20,8 @@ from eomgen.codegen.package.compile import LONG
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
+from eomgen.kernel.stepping.methods import ADAPTIVE
+from eomgen.kernel.stepping.options import LEAST, ROLLOUTS, rollout_of
 from eomgen.pipeline.mechanisms import assembled_home
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source
@@ -27,8 +29,7 @@ from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.parameters import FADING
-from eomgen.runtime.stepping.methods import ADAPTIVE, FIXED
-from eomgen.runtime.stepping.options import LEAST, ROLLOUTS, rollout_of
+from eomgen.runtime.rollouts import FIXED
 
 from ...codegen.kernels.groups import INVERSE_DYNAMICS, WEBASSEMBLY, kernel_group
 from .compile import compile_wasm, wasm_command

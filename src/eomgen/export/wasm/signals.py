@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from eomgen.errors import InputError
-from eomgen.runtime.kernel import Kernel
-from eomgen.runtime.stepping.input_signals import InputSignals
-from eomgen.runtime.stepping.packed_inputs import plain_inputs
+from eomgen.kernel.complete import Kernel
+from eomgen.kernel.stepping.input_signals import InputSignals
+from eomgen.kernel.stepping.packed_inputs import plain_inputs
 
 LARGEST = float(np.finfo(np.float64).max)  # in the place of infinity, which JSON does not have
 

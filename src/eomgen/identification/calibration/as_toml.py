@@ -18,7 +18,8 @@ from ...description.load import load_robot
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
-from ...names import parameter_name, show_path
+from ...identifiers import show_path
+from ...names import parameter_name
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import matrix_of as matrix_rows
 from ...robot.value import COORDINATES, Joint, Loop, Placement, Robot

@@ -18,11 +18,11 @@ from ...description.xml_text import parse_xml
 from ...errors import InputError
 from ...files import check_ending, write_atomically
 from ...forms.toml_text import read_text
-from ...names import unique_identifiers
+from ...identifiers import unique_identifiers
+from ...kernel.inverse_kinematics.rotations import rpy_of
 from ...robot.bounds import Limits
 from ...robot.joint_types import JOINT_TYPES, OWN_COORDINATES
 from ...robot.value import Coordinate, Joint, Robot
-from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import chain_of, located, matrix_of
 from .as_toml import HEAD, FittedParameters

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ...arrays import Array
+from ...kernel.inverse_kinematics.rotations import rpy_of
 from ...names import component_name, parameter_name
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS, JointStiffness
 from ...robot.elements.matrices import PAIRS, entry_name, matrix_conflict
 from ...robot.elements.matrices import matrix_of as rows_of
 from ...robot.value import COORDINATES, MOTOR, Coordinate, Frame, Joint, Loop, Motor, Placement, Robot
-from ...runtime.inverse_kinematics.rotations import rpy_of
 from ..geometry.error_model import FRAMES, JOINTS, LOOPS, SECOND, TILT
 from ..geometry.rotations import pose_from, pose_of
 from ..geometry.stations import Chain, matrix_of

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 from ...arrays import Array
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
+from ...identifiers import is_identifier
 from ...limits import is_usable
 from ...motion.measured_numbers import answers_in_numbers
-from ...names import component_name, is_identifier, listed, nearest_or_all, show, split_component
+from ...names import component_name, listed, nearest_or_all, show, split_component
 from ...optional import optional_import
 from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.elements.joint_stiffness import JOINT_STIFFNESS

@@ -9,12 +9,12 @@ from typing import Any, cast
 import numpy as np
 
 from ...arrays import Array, Index, Mask
+from ...kernel.complete import Kernel
 from ...motion.ends import principal_limits
 from ...motion.splines import Spline
 from ...progress import no_progress
 from ...robot.coordinates import index_of
 from ...robot.value import Robot
-from ...runtime.kernel import Kernel
 from ...scenario.value import Scenario
 from ...simulation.assembly import Assembly, with_kernel
 from ...simulation.controls import JointPD

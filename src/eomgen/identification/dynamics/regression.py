@@ -10,10 +10,10 @@ import numpy as np
 
 from ...arrays import Array, Index, Mask
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ...names import component_name
-from ...runtime.kernel import Kernel
 from ...state.springs import law_numbers
 from ..estimating import FIRST, block_count, least_samples
 from ..identifiable import (

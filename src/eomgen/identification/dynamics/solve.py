@@ -21,6 +21,7 @@ from ...arrays import Array, Mask
 from ...codegen.kernels.groups import IDENTIFICATION
 from ...description import RobotLike, as_robot
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
 from ...motion.smoothing import STENCIL
@@ -30,7 +31,6 @@ from ...progress import StageReport, tells_at_prompt
 from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import build_model
 from ...robot.value import MOTOR, Friction, Robot
-from ...runtime.kernel import Kernel
 from ..consistent import INERTIAL, Sizes, nearest_bodies, with_parameters
 from ..estimating import SOLVED, evenly_sampled
 from ..identifiable import LINEAR, TERMS, TRANSMISSIONS, BaseParameters, combinations, parameter_names

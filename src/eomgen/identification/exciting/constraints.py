@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, Index
+from ...kernel.complete import Kernel
 from ...robot.coordinates import force_unit_of, unit_of
-from ...runtime.kernel import Kernel
 from .allowed import Limits, Region
 
 Course = tuple[Array, Array, Array]  # coordinates, velocities and accelerations of all coordinates, (T, n) each

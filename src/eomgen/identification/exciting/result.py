@@ -12,8 +12,8 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...files import check_ending, write_atomically
+from ...identifiers import show_path
 from ...motion.files import MeasuredMotion, write_motion
-from ...names import show_path
 from ...results.contents import Contents
 from ...results.kinds import Kind, Saved, declare
 from ...results.stored import ALLOWED, Stored

@@ -16,6 +16,7 @@ from ...arrays import Array, Index
 from ...codegen.kernels.groups import EXCITATION, INVERSE_DYNAMICS
 from ...description import RobotLike, as_robot
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...limits import LARGEST, SMALLEST, is_usable
 from ...motion.exceeding import excess_notes, excesses
 from ...names import component_name, joint_of, kind_of, listed, show
@@ -24,7 +25,6 @@ from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import force_unit_of
 from ...robot.model import build_model
 from ...robot.value import Robot
-from ...runtime.kernel import Kernel
 from ..dynamics.solve import without_sought
 from ..estimating import FIRST, least_samples
 from ..identifiable import TERMS, BaseParameters, combinations

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from ...arrays import Array, Index
+from ...kernel.complete import Kernel
 from ...names import component_name
-from ...runtime.kernel import Kernel
 from ..identifiable import FRICTION, BaseParameters
 from .constraints import Course
 

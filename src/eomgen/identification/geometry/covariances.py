@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
-from ...errors import ArrayError, InputError, check_kind
+from ...errors import ArrayError, InputError
 from ...files import as_path
+from ...identifiers import check_kind
 from ...motion.csv_columns import read_csv
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor
 from ...names import listed, show, split_component

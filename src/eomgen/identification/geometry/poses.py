@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Index, Mask
-from ...errors import InputError, check_kind
+from ...errors import InputError
 from ...files import as_path
+from ...identifiers import check_kind
 from ...motion.csv_columns import read_csv
 from ...motion.files import named_by_coordinate
 from ...motion.measured_numbers import ALLOWED_DIVISOR, checked_numbers, is_divisor

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arrays import Array
+from ...kernel.inverse_kinematics.rotations import vector_of
 from ...motion.turns import rotation_of
-from ...runtime.inverse_kinematics.rotations import vector_of
 
 _SMALL = 1e-7  # sine of an angle below which it is the angle
 _SERIES = 1e-4  # sine of an angle below which a series takes the place of a quotient

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, Index, independent_columns, rank_of
-from ...runtime.kernel import Kernel
+from ...kernel.complete import Kernel
 from ...state.vectors import prescribed_mask
 
 LAST = 1e-6  # of a column: what is measured, or prescribed, becomes dependent after all others

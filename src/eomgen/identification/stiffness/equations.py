@@ -9,12 +9,12 @@ import numpy as np
 
 from ...arrays import RANK, Array
 from ...errors import InputError
+from ...kernel.complete import Kernel
 from ...motion.files import MeasuredMotion
 from ...names import component_name, listed
 from ...robot.coordinates import LINKS, index_of, number_name
 from ...robot.model import Model
 from ...robot.value import COORDINATES
-from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers, law_numbers
 from .frame_pairs import FramePair
 from .least_squares import Noise, System

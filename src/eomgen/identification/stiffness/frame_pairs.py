@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
+from ...kernel.complete import Kernel
 from ...robot.elements import Bushing
 from ...robot.value import Placement, Robot
-from ...runtime.kernel import Kernel
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 
 from ...errors import InputError, UnknownNameError
+from ...kernel.complete import Kernel
 from ...names import component_name, nearest, parameter_name, show
 from ...robot.elements.joint_damping import JointDamping, lag_of
 from ...robot.elements.joint_element import JointElement, MatrixElement
 from ...robot.elements.matrices import PAIRS, entry_name
 from ...robot.parameter_names import CUT_MOTIONS, CUT_STIFFNESSES, CUTS, JOINTS, MOTIONS, STIFFNESSES
 from ...robot.value import COORDINATES, Robot
-from ...runtime.kernel import Kernel
 from ...state.elements import Numbers, element_numbers
 from .frame_pairs import bushings_of
 from .result import KEYS

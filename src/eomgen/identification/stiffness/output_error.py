@@ -22,6 +22,7 @@ import numpy as np
 from ...arrays import Array
 from ...codegen.kernels.groups import FIT_OF_MOTIONS
 from ...errors import DescriptionError, InputError, UnknownNameError
+from ...kernel.complete import Kernel
 from ...motion.files import MeasuredMotion, measured_motion
 from ...names import listed
 from ...optional import optional_import
@@ -33,7 +34,6 @@ from ...robot.laws import law_conflict
 from ...robot.model import build_model
 from ...robot.parameter_names import expand_tunable, leasts
 from ...robot.value import Robot
-from ...runtime.kernel import Kernel
 from ..estimating import SOLVED, evenly_sampled
 from ..relations import refuse_followers
 from .beams import beam_notes

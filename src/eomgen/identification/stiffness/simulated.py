@@ -10,6 +10,8 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import ArrayError, InputError, LoopError, SingularError
+from ...kernel.complete import Kernel
+from ...kernel.stepping.input_signals import DriveData, Gains, Index, InputSignals, Signal, Track, Waves
 from ...motion.files import MeasuredMotion
 from ...motion.smoothing import noise_deviation
 from ...motion.splines import spline_signal
@@ -17,9 +19,7 @@ from ...names import component_name, listed
 from ...optional import optional_import
 from ...robot.coordinates import index_of
 from ...robot.model import Model
-from ...runtime.kernel import Kernel
 from ...runtime.singular import inertias
-from ...runtime.stepping.input_signals import DriveData, Gains, Index, InputSignals, Signal, Track, Waves
 from .closed_starts import ClosedStarts
 from .levenberg_marquardt import Residuals
 

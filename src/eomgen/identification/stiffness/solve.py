@@ -31,6 +31,7 @@ import numpy as np
 from ...codegen.kernels.groups import CUT_LAWS, FRAME_POSES, INERTIA, INVERSE_DYNAMICS, kernel_group
 from ...description import RobotLike, as_robot
 from ...errors import InputError, UnknownNameError
+from ...kernel.complete import Kernel
 from ...limits import is_usable
 from ...motion.files import MeasuredMotion, measured_motion
 from ...motion.measured_numbers import answers_in_numbers
@@ -42,7 +43,6 @@ from ...progress import StageReport, no_report, tells_at_prompt
 from ...robot.coordinates import LINKS, is_mode, number_name
 from ...robot.model import Model, build_model
 from ...robot.value import MOTOR, Robot
-from ...runtime.kernel import Kernel
 from ...state.springs import cut_numbers
 from ..closed_motions import closed_motion
 from ..estimating import FIRST, HALF_WIDTHS, SIGNAL, evenly_sampled, least_samples

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import renamed
 from ...identification.iso_9283.result import AccuracyResult
 from ...shown import scale_of
 from ..report import Report, Table, drawn, sorted_notes
@@ -42,7 +41,6 @@ def accuracy_page(accuracy: AccuracyResult) -> Report:
     )
 
 
-@renamed(found="accuracy")
 def plot_accuracy(accuracy: AccuracyResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot attained positions less the command, with a circle of the repeatability about each barycentre, and the
     offset of the barycentre and the repeatability along paths; of the first six of each.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, renamed
+from ...errors import InputError
 from ...identification.calibration.result import CalibrationResult
 from ...identification.calibration.variants import VARIANTS
 from ...shown import scale_of
@@ -87,7 +87,6 @@ def _value_table(calibration: CalibrationResult) -> Table:
     return Table("Values", head, rows)
 
 
-@renamed(found="calibration")
 def plot_calibration(calibration: CalibrationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot the rms of residuals by variant, of positions and orientations.
 

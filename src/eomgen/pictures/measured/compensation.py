@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import renamed
 from ...identification.compensating.result import AXES, CompensationResult
 from ...shown import scale_of
 from ..report import Report, drawn, sorted_notes
@@ -58,7 +57,6 @@ def compensation_page(compensation: CompensationResult) -> Report:
     )
 
 
-@renamed(found="compensation")
 def plot_compensation(compensation: CompensationResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot the tool's errors over time along and about its axes, without the correction above and with it below.
 

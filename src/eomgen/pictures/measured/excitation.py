@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import renamed
 from ...identification.exciting.result import ExciteResult
 from ...robot.coordinates import force_unit_of, unit_of
 from ..report import Report, drawn, sorted_notes
@@ -61,7 +60,6 @@ def excitation_page(excitation: ExciteResult) -> Report:
     )
 
 
-@renamed(found="excitation")
 def plot_excitation(excitation: ExciteResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot positions, velocities and drives over the period with their limits, of the first six coordinates.
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import renamed
 from ...identification.dynamics.result import IdentifyResult
 from ...identification.from_motion import ForcesResult
 from ...identification.stiffness.result import Estimate, FitResult
@@ -188,7 +187,6 @@ def plot_identified(identified: IdentifyResult, path: Path | str | None = None, 
     return drawn.outcome
 
 
-@renamed(found="identified")
 def plot_identification(identified: IdentifyResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot measured and fitted drives over time, and the residual where it counts, of the first six.
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import renamed
 from ...identification.tolerances.result import PARTS, ToleranceResult
 from ..report import Report, drawn, sorted_notes
 from ..style import BAR_ROOM, COLORS, FULL_WIDTH, PROGRAM_COLOR, Plotted, bars_in_pairs, check_kind, sheet
@@ -95,7 +94,6 @@ def plot_shares(tolerance: ToleranceResult, path: Path | str | None = None, *, a
     return drawn.outcome
 
 
-@renamed(found="tolerance")
 def plot_tolerance(tolerance: ToleranceResult, path: Path | str | None = None, *, ax: Any = None) -> Plotted:
     """Plot a map of the frame's poses from above and from the side, coloured by the radius of the region of position.
 

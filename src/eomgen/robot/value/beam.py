@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from ...identifiers import is_identifier
 from ...limits import LARGEST, MOST_SEGMENTS, is_usable
-from ...names import NAME_LENGTH, is_identifier, show
+from ...names import NAME_LENGTH, show
 from ..geometry import COORDINATES, Matrix, Placement, Vector, turn_inertia
 from ..sections import AXES
 from .coordinate import Coordinate

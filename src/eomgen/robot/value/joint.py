@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ...errors import renamed
 from ..bounds import Limits
 from ..elements import JOINT_ELEMENTS, JointElement
 from ..elements.joint_damping import JointDamping
@@ -168,7 +167,6 @@ class Joint(Jointed):
         lower, upper = (x if math.isfinite(x) else None for x in self.limits)
         return replace(limits, lower=lower, upper=upper)
 
-    @renamed(given="limits")
     def with_limits(self, name: str, limits: Limits) -> Joint:
         """Return the joint with these limits of an active coordinate, or of its motor's."""
         if name == MOTOR:

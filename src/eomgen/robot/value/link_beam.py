@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from ...identifiers import is_identifier
 from ...limits import LARGEST, MOST_BEAM_MODES, is_usable
-from ...names import is_identifier, listed, show
+from ...names import listed, show
 from ..fields import LATER, Picklable
 from ..sections import AXES, SHAPES
 

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ...names import is_identifier, show
+from ...identifiers import is_identifier
+from ...names import show
 from ..fields import Numbers, Picklable
 from ..geometry import COORDINATES, LINEAR, Vector
 from .coordinate import Coordinate
