@@ -58,7 +58,8 @@ class Answer(NamedTuple):
 def pack_expected(equations: Equations) -> bytes:
     """Evaluate what every function of a package has to return, see ``expected_numbers``."""
     stream = io.BytesIO()
-    np.savez(stream, **expected_numbers(equations))
+    numbers: dict[str, Any] = expected_numbers(equations)
+    np.savez(stream, **numbers)
     return zlib.compress(stream.getvalue(), 1)
 
 

@@ -50,9 +50,11 @@ class Traced(float):
     def __rtruediv__(self, other: Any) -> Any:
         return _made(other / float(self), "/", other, self) if isinstance(other, (int, float)) else NotImplemented
 
-    def __neg__(self) -> Any:
-        is_negative = len(self.term) > 1 and self.term[0] == "-" and self.term[1] == 0.0
-        return self.term[2] if is_negative else _made(-float(self), "-", 0.0, self)
+    def __neg__(self) -> float:
+        if len(self.term) > 1 and self.term[0] == "-" and self.term[1] == 0.0:
+            positive: float = self.term[2]
+            return positive
+        return _made(-float(self), "-", 0.0, self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Traced, (float(self), *self.term)

@@ -17,7 +17,7 @@ from .runtime.levels import binary_folders as _binary_folders
 __path__[:0] = _binary_folders(_Path(__file__).parent, "v1")  # of the best level that runs here
 
 from ._one_link import ffi as _ffi, lib as _lib
-from .runtime import Kernel, OneLibrary, packaged
+from .runtime import OneLibrary, PackageKernel, packaged
 
 
 def _read(name: str) -> str:
@@ -28,9 +28,9 @@ _FACE = packaged()
 _META = _json.loads(_read("one_link.json"))
 
 
-def load() -> Kernel:
+def load() -> PackageKernel:
     """Return a kernel with separate parameters, at the description's values."""
-    return Kernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()), _FACE)
+    return PackageKernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()), _FACE)
 
 
 kernel = load()

@@ -1,21 +1,12 @@
 """The errors that eomgen raises: your input, or our bug.
 
-Every message names the thing, the value that came, and what is allowed.  Old names of arguments are taken with a
-warning.  This file imports nothing of eomgen, so that a generated package can carry a copy of it.
+Every message names the thing, the value that came, and what is allowed.  This file imports nothing of eomgen, so that a
+generated package can carry a copy of it.
 """
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
-from functools import wraps
-from inspect import signature
-from typing import Any, ParamSpec, TypeVar
-
-Parameters = ParamSpec("Parameters")
-Returned = TypeVar("Returned")
-
-RENAMED = "renamed"  # attribute of a function: its old keywords, each with the one of today
+from typing import Any
 
 
 class EomgenError(Exception):
@@ -160,46 +151,4 @@ class InternalError(EomgenError):
 
 
 class EomgenWarning(UserWarning):
-    """Something to know about, although it works: an inertia that no body can have, an old name of an argument."""
-
-
-def check_kind(label: str, value: object, fits: bool, allowed: str) -> None:
-    """Raise an InputError that names an argument, the type of its value and what is allowed, where it does not fit."""
-    if not fits:
-        raise InputError(f"{label}: got a value of type {type(value).__name__}; allowed: {allowed}")
-
-
-def renamed(**keywords: str) -> Callable[[Callable[Parameters, Returned]], Callable[Parameters, Returned]]:
-    """Return a decorator that lets a function or a method take arguments by the keywords that they had before.
-
-    An old keyword warns with an ``EomgenWarning`` at the line of the call; beside the new one, or beside its value by
-    position, it is refused with an ``InputError``. Type checkers and editors know the new one alone.
-
-    Args:
-        keywords: by each old keyword the one of today: ``renamed(found="response")``.
-
-    Raises:
-        TypeError: of the decorator, where the function has no such argument, or still has the old one.
-    """
-
-    def decorate(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
-        arguments = list(signature(function).parameters)
-        name = function.__qualname__
-        if wrong := [old for old, new in keywords.items() if new not in arguments or old in arguments]:
-            raise TypeError(f"{name}: {wrong} are not renamed to arguments of {arguments}")
-
-        @wraps(function)
-        def call(*values: Parameters.args, **named: Parameters.kwargs) -> Returned:
-            for old in [old for old in named if old in keywords]:
-                new = keywords[old]
-                if new in named or arguments.index(new) < len(values):
-                    raise InputError(f"{name}: got {new} and {old}, its name of before; allowed: {new} alone")
-                told = f"{name}: the argument {old} is called {new} now; {old} goes with the next minor version"
-                warnings.warn(told, EomgenWarning, stacklevel=2)
-                named[new] = named.pop(old)
-            return function(*values, **named)
-
-        vars(call)[RENAMED] = dict(keywords)
-        return call
-
-    return decorate
+    """Something to know about, although it works: an inertia that no body can have."""

@@ -9,11 +9,17 @@
 #define EOM_FIXED_ONLY
 #if defined(EOM_FIXED_ONLY) && !defined(EOM_SIGNALS) /* defined by C that calls the integration with inputs over time */
 #define EOM_HELD
+#define EOM_WITHOUT_CHARTS
+#define EOM_WITHOUT_LOOPS
 #endif
 #include "one_link.h"
 
 #include "clib/lanes.h"
 #include "clib/batches.h"
+
+/* Numbers of the description, and what comes of them. */
+/* (links.link1.inertia.yy + links.link1.inertia.zz) * 0.5 + links.link1.mass * links.link1.com.x * links.link1.com.x */
+#define EOM_C0 0.3333333333333333
 
 EOM_LOCAL const eom_sizes one_link_sizes = {
     .positions = 2,
@@ -50,7 +56,7 @@ static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *rest
     (void)h;
 
     out[0] = ALL(1.0);
-    out[3] = ALL(0.3333333333333333);
+    out[3] = ALL(EOM_C0);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
     out[1] = -0.5*sine[0];
     out[2] = out[1];
@@ -59,7 +65,8 @@ static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *rest
 }
 
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
-static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        lanes *restrict out)
 {
     TURN_AT(1, q + 1);
     (void)h;
@@ -72,7 +79,8 @@ static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restr
 }
 
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
-static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        lanes *restrict out)
 {
     TURN_AT(1, q + 1);
     (void)v;
@@ -85,7 +93,8 @@ static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes
 }
 
 /* Q_F of eq. (14), its moment term corrected; base frame. */
-static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
+static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench,
+        lanes *restrict out)
 {
     TURN_AT(1, q + 1);
     (void)h;
@@ -98,7 +107,8 @@ static int one_link_external_force_lanes(const lanes *restrict h, const lanes *r
 }
 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
-static int one_link_residual_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
+static int one_link_residual_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
 
@@ -108,20 +118,21 @@ static int one_link_residual_lanes(const lanes *restrict h, const lanes *restric
     /* joint1: traces against its tangents, eq. (5) */
     const lanes t31 = cosine[0]*(cosine[0]*t12 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t18);
     out[0] = t31 + q[0]*h[3] - u[0];
-    out[1] = 0.3333333333333333*a[1] - 0.5*t18 - u[1];
+    out[1] = EOM_C0*a[1] - 0.5*t18 - u[1];
 
     return 0;
 }
 
 /* The drives u that make the residual zero. */
-static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        const lanes *restrict a, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t10 = a[0] - h[0];
     const lanes t16 = sine[0]*t10 + h[1]*cosine[0];
-    out[1] = 0.3333333333333333*a[1] - 0.5*t16;
+    out[1] = EOM_C0*a[1] - 0.5*t16;
     /* joint1: traces against its tangents, eq. (5) */
     const lanes t29 = cosine[0]*(cosine[0]*t10 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t16);
     out[0] = t29 + q[0]*h[3];
@@ -130,13 +141,14 @@ static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes 
 }
 
 /* Accelerations under the drives u. */
-static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
     TURN_AT(1, q + 1);
 
     pivot[1] = ALL(1.0);
-    pivot[2] = ALL(0.3333333333333333);
+    pivot[2] = ALL(EOM_C0);
     pivot[3] = pivot[2];
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t15 = h[0]*sine[0] - h[1]*cosine[0];
@@ -155,7 +167,8 @@ static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes 
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
-static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        lanes *restrict out)
 {
     TURN_AT(1, q + 1);
     (void)h;
@@ -185,20 +198,22 @@ static int one_link_gravity_lanes(const lanes *restrict h, const lanes *restrict
 }
 
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
-static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        lanes *restrict out)
 {
     TURN_AT(1, q + 1);
 
     const lanes t8 = v[0]*cosine[0];
     const lanes t9 = v[0]*sine[0];
-    out[0] = 0.5*(t8*t8 - t9*(0.5*v[1] - t9) + v[1]*(0.3333333333333333*v[1] - 0.5*t9));
+    out[0] = 0.5*(t8*t8 - t9*(0.5*v[1] - t9) + v[1]*(EOM_C0*v[1] - 0.5*t9));
     out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*cosine[0]) + h[1]*(0.5*sine[0]));
 
     return 0;
 }
 
 /* Joint reaction wrenches: force and moment on child links, joint frames after the motion. */
-static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        const lanes *restrict a, lanes *restrict out)
 {
     TURN_AT(1, q + 1);
 
@@ -210,20 +225,21 @@ static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restri
     const lanes t15 = sine[0]*t9 + h[1]*cosine[0];
     out[0] = cosine[0]*t9 - h[1]*sine[0] - 0.5*(v[1]*v[1]);
     out[1] = 0.5*a[1] - t15;
-    out[5] = 0.3333333333333333*a[1] - 0.5*t15;
+    out[5] = EOM_C0*a[1] - 0.5*t15;
 
     return 0;
 }
 
 /* (M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step. */
-static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
+static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
+        const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
     TURN_AT(1, q + 1);
 
     const lanes t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
-    const lanes t23 = added[1] + 0.3333333333333333;
+    const lanes t23 = added[1] + EOM_C0;
     pivot[2] = t23;
     pivot[3] = t23;
     const lanes t25 = 1.0/t23;
@@ -246,73 +262,103 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
 #include "clib/state_lanes.h"
 #include "clib/kinematics.h"
 
-long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_mass_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 4))), WRITE_LANES(4))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_mass_matrix_lanes(h_lanes, VECTOR(q, 2),
+            VECTOR(out, 4))), WRITE_LANES(4))
 }
 
-long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_bias_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_bias_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q,
+        size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_generalized_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_generalized_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
+long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_external_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_external_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
+long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u,
+        size_t u_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_residual_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1),
+            ONE_VECTOR(2, one_link_residual_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(u, 2),
+            VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q,
+        size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step,
+        double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_inverse_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_inverse_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 2))),
+            WRITE_LANES(2))
 }
 
-long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
+long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q,
+        size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step,
+        double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_forward_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_forward_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 2))),
+            WRITE_LANES(2))
 }
 
-long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q,
+        size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_coriolis_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 4))), WRITE_LANES(4))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2,
+            one_link_coriolis_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 4))), WRITE_LANES(4))
 }
 
-long long one_link_gravity_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+long long one_link_gravity_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_gravity_lanes(h_lanes, VECTOR(q, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_gravity_lanes(h_lanes, VECTOR(q, 2),
+            VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict v, size_t v_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_energy_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
+            one_link_energy_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
 }
 
-long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(6, 1), ONE_VECTOR(2, one_link_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 6))), WRITE_LANES(6))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(6, 1), ONE_VECTOR(2,
+            one_link_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 6))),
+            WRITE_LANES(6))
 }
 
-EOM_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
+EOM_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine,
+        const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
 {
     origins[0] = q[0];
     origins[1] = ALL(0.0);
@@ -378,7 +424,8 @@ EOM_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *r
 }
 
 /* A run of bodies up to the last one that is wanted, or a frame. */
-static void one_link_run_lanes(int run, int last, const double *h, const lanes *q, const lanes *sine, const lanes *cosine, lanes *kept, lanes *pose, lanes *origins, lanes *axes)
+static void one_link_run_lanes(int run, int last, const double *h, const lanes *q, const lanes *sine,
+        const lanes *cosine, lanes *kept, lanes *pose, lanes *origins, lanes *axes)
 {
     const lanes *const given = kept;
     (void)h;
@@ -392,7 +439,8 @@ static void one_link_run_lanes(int run, int last, const double *h, const lanes *
 }
 
 /* Pose of a frame, and origins and axes of the bodies between the base and it. */
-static void one_link_forward_kinematics_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
+static void one_link_forward_kinematics_lanes(const double *restrict h, const lanes *restrict q, int frame,
+        lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
 {
     int way[2];
     lanes turning[3][1];
@@ -412,7 +460,8 @@ static int one_link_frame_pose_lanes(const double *restrict h, const lanes *rest
 }
 
 /* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base frame. */
-static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame,
+        lanes *restrict out)
 {
     lanes pose[12];
     lanes origins[3];
@@ -422,14 +471,18 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
     return 0;
 }
 
-long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
+long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        int frame, double *restrict out)
 {
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(16, 1), ONE_VECTOR(2, one_link_frame_pose_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 16))), WRITE_LANES(16))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(16, 1), ONE_VECTOR(2, one_link_frame_pose_lanes(h, VECTOR(q, 2),
+            frame, VECTOR(out, 16))), WRITE_LANES(16))
 }
 
-long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
+long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        int frame, double *restrict out)
 {
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_frame_jacobian_lanes(h, VECTOR(q, 2), frame, VECTOR(out, 12))), WRITE_LANES(12))
+    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_frame_jacobian_lanes(h, VECTOR(q, 2),
+            frame, VECTOR(out, 12))), WRITE_LANES(12))
 }
 
 #include "clib/robot_lanes.h"
@@ -442,12 +495,15 @@ static const eom_robot_lanes one_link_robot_lanes = {
 };
 
 /* Several states over many steps; -1, or (state * steps + step) * 2 + i of the first failure. */
-long long one_link_rollout_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out, double *restrict v_out)
+long long one_link_rollout_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
+        const double *restrict v, size_t v_step, const one_link_drive *restrict drive, double dt, size_t steps,
+        size_t every, int method, double *restrict q_out, double *restrict v_out)
 {
     lanes state[EOM_STATE_ROOM(2, 0, 7, 0, 6, 4, 0)];
     double input[EOM_INPUT_ROOM(2, LANES, 0)];
     int index[EOM_INDEX_ROOM(2, LANES, 0)];
     const eom_workspace_lanes work = { state, input, index };
 
-    return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps, every, method, q_out, v_out, work);
+    return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps,
+            every, method, q_out, v_out, work);
 }

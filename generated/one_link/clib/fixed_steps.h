@@ -7,8 +7,11 @@ EOM_LOCAL void F(held_forces)(const F(motion) *restrict motion, size_t state, si
     const EOM(sizes) *const sizes = motion->robot->sizes;
     const int nq = POSITIONS_OF(sizes);
     const int nu = INPUTS_OF(sizes);
+    (void)sizes; /* where they are constants */
     F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, nu, u);
+#if !defined(EOM_WITHOUT_CHARTS)
     if (ROTATIONS_OF(sizes) > 0) { F(turn_forces)(sizes, motion->charts, q, u); }
+#endif
     if (drive->kp != NULL) {
         F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, nq, work);
         for (int i = 0; i < nq; ++i) { u[i] += drive->kp[i] * (work[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
@@ -67,10 +70,12 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
     for (int stage = 0; stage < 4; ++stage) {
         const EOM_SCALAR weight = (EOM_SCALAR)6.0 * method->a[4][stage]; /* whole numbers, by which sums are rounded once */
         const EOM_SCALAR ahead = (stage < 3) ? method->a[stage + 1][stage] : (EOM_SCALAR)0.0;
+#if !defined(EOM_WITHOUT_LOOPS)
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
             const int opened = F(assemble)(robot, motion->h, x_here, &x_here[nq], work.state, NULL);
             if (opened != 0) { return opened; }
         }
+#endif
         if (problem->clock.inputs[0] == NULL) { F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], (EOM_SCALAR)0.0, u, NULL, work.state); }
 #if !defined(EOM_HELD)
         if (problem->clock.inputs[0] != NULL) { F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work); }
@@ -146,29 +151,30 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
     const int statuses = nq + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + nq) : 0);
     const long long statuses_of_a_step = (long long)statuses * (long long)WIDTH;
     const size_t rows = steps / every + 1U;
-    F(charts) charts;
+    (void)sizes;
     F(problem) problem;
     F(motion) *const motion = &problem.motion;
     REAL *told = x;
-    size_t place[WIDTH] = { 0 };
     motion->robot = robot;
     motion->h = h;
-    motion->charts = NULL;
     motion->drive = drive;
     problem.clock.power = NULL;
     problem.failed = NULL;
     problem.spare = NULL;
     problem.clock.here = (int)here;
     for (int l = 0; l < (int)WIDTH; ++l) { problem.clock.inputs[l] = inputs; }
-#if defined(EOM_HELD)
     (void)first;
-#else
+#if !defined(EOM_HELD)
     REAL *const u = work.state;
     REAL *const target = &u[PADDED_TO_BLOCKS(INPUTS_OF(sizes))];
     if (inputs != NULL) { work.state = &target[PADDED_TO_BLOCKS(nq)]; }
 #endif
     F(store)(x, here, rows * (size_t)nq, nq, q_out);
     F(store)(&x[nq], here, rows * (size_t)nv, nv, v_out);
+#if !defined(EOM_WITHOUT_CHARTS)
+    F(charts) charts;
+    size_t place[WIDTH] = { 0 };
+    motion->charts = NULL;
     if (ROTATIONS_OF(sizes) > 0) {
         for (size_t l = 0; l < (size_t)WIDTH; ++l) { place[l] = state + ((l < here) ? l : (here - 1U)); }
         F(carve_charts)(sizes, &charts, &work);
@@ -179,6 +185,7 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
         F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[nq]);
         F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
+#endif
     for (size_t step = 0; step < steps; ++step) {
 #if !defined(EOM_HELD)
         if (inputs != NULL) { F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first + (double)(step + 1U) * (double)dt, u, target); }
@@ -190,17 +197,25 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
             F(put_prescribed)(&problem, l, (M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : F(instant_at)(&problem.clock, l, 1.0), x, work.input);
         }
 #endif
+#if !defined(EOM_WITHOUT_LOOPS)
         if (M_OF(sizes) > 0) {
             const int opened = F(assemble)(robot, motion->h, x, &x[nq], work.state, NULL);
             if (opened != 0) { return (long long)step * statuses_of_a_step + opened - 1; }
         }
+#endif
+#if !defined(EOM_WITHOUT_CHARTS)
         if (ROTATIONS_OF(sizes) > 0) { (void)F(change_charts)(sizes, &charts, x, &x[nq]); }
+#endif
         if ((step + 1U) % every == 0U) {
+#if !defined(EOM_WITHOUT_CHARTS)
             if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, x, &x[nq], told, &told[nq]); }
+#endif
             F(store)(told, here, rows * (size_t)nq, nq, &q_out[(step + 1U) / every * (size_t)nq]);
             F(store)(&told[nq], here, rows * (size_t)nv, nv, &v_out[(step + 1U) / every * (size_t)nv]);
         }
     }
+#if !defined(EOM_WITHOUT_CHARTS)
     if (ROTATIONS_OF(sizes) > 0) { F(keep_charts)(sizes, drive, place, here, &charts, x, &x[nq]); }
+#endif
     return -1;
 }

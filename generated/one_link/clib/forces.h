@@ -4,7 +4,9 @@
 typedef struct {
     const F(robot) *robot;
     const REAL *h;
+#if !defined(EOM_WITHOUT_CHARTS)
     F(charts) *charts; /* NULL without joints of three rotations */
+#endif
     const EOM(drive) *drive;
 } F(motion);
 

@@ -8,11 +8,14 @@
 #include <string.h>
 
 #include "precision.h"
-#if !defined(EOM_HELD)
+#if defined(EOM_HELD)
+#include "explicit_methods.h"
+#else
 #include "signals.h"
-#endif
 #include "methods.h"
+#endif
 
+#if !defined(EOM_WITHOUT_CHARTS)
 #define ROTATION(name) eom_##name
 #define ROTATION_SCALAR double
 #define ROTATION_MATH(function) function
@@ -25,6 +28,7 @@
 #define ROTATION_SCALAR float
 #define ROTATION_MATH(function) function##f
 #include "rotations.h"
+#endif
 #endif
 #if !defined(EOM_HELD)
 #include "computed_torque.h"

@@ -20,8 +20,12 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 
 #define EOM_LANES_HERE
 #include "combinations.h"
+#if !defined(EOM_WITHOUT_CHARTS)
 #include "charts.h"
+#endif
+#if !defined(EOM_WITHOUT_LOOPS)
 #include "closed_loops.h"
+#endif
 #include "forces.h"
 #if !defined(EOM_HELD)
 #include "input_forces.h"

@@ -2,7 +2,8 @@
  * and how states come into vectors and out.  Of one precision, as precision.h says.
  *
  * EOMGEN_VECTOR: bytes of a vector, 0 for none; by default the widest of the processor, but for functions of one state
- * (EOM_WITHOUT_LANES), whose few angles fill no wide one. */
+ * (EOM_WITHOUT_LANES), whose few angles fill no wide one.
+ * EOM_LIBM: sines and cosines are those of the C library. */
 #ifndef EOM_LANES_H
 #define EOM_LANES_H
 #include <math.h>
@@ -67,10 +68,10 @@ typedef EOM_SCALAR lanes;
 /* Take sines and cosines of count angles, a multiple of LANES, within 2.5 units in the last place.  The nearest multiple of pi/2
  * is taken off in parts, products of all but the last exact, and the rest r goes with z = r^2 into the polynomials of fdlibm (Sun
  * Microsystems 1993), or in single precision of the Cephes library (S. L. Moshier): r + r z SINE(z), 1 - z (1/2 - z COSINE(z)).
- * Angles farther than FARTHEST are left to the C library. */
+ * Angles farther than FARTHEST are left to the C library; with EOM_LIBM all are.  Bits are the same with vectors and without. */
 EOM_LOCAL void turn(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *restrict sine, EOM_SCALAR *restrict cosine)
 {
-#if EOMGEN_VECTOR
+#if EOMGEN_VECTOR && !defined(EOM_LIBM)
     bits far = { 0 };
     EOM_BITS any = 0;
     for (size_t i = 0; i < count; i += LANES) {
@@ -96,8 +97,25 @@ EOM_LOCAL void turn(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *
     if (any == 0) { return; }
 #endif
     for (size_t i = 0; i < count; ++i) {
-#if EOMGEN_VECTOR
-        if ((angle[i] <= FARTHEST) && (angle[i] >= -FARTHEST)) { continue; }
+#if !defined(EOM_LIBM)
+        if ((angle[i] <= FARTHEST) && (angle[i] >= -FARTHEST)) {
+#if !EOMGEN_VECTOR
+            const EOM_SCALAR shifted = angle[i]*QUARTERS + SHIFT;
+            const EOM_SCALAR quarters = shifted - SHIFT;
+            const EOM_SCALAR r = REST(angle[i], quarters);
+            const EOM_SCALAR z = r*r;
+            const EOM_SCALAR s = r + r*z*SINE(z);
+            const EOM_SCALAR c = C(1.0) - z*(C(0.5) - z*COSINE(z));
+            EOM_BITS quarter;
+            (void)memcpy(&quarter, &shifted, sizeof quarter);
+            const int fourth = (int)(quarter & 3);
+            const EOM_SCALAR across = ((fourth & 1) != 0) ? s : c;
+            const EOM_SCALAR along = ((fourth & 1) != 0) ? c : s;
+            sine[i] = ((fourth & 2) != 0) ? -along : along;
+            cosine[i] = (((fourth + 1) & 2) != 0) ? -across : across;
+#endif
+            continue;
+        }
 #endif
         sine[i] = EOM_MATH(sin)(angle[i]);
         cosine[i] = EOM_MATH(cos)(angle[i]);

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .direct import packaged
-    from .kernel import Kernel
+    from .package_kernel import PackageKernel
     from .raw import Library, OneLibrary, RawFunction, RawKernel
 
-__all__ = ["Kernel", "Library", "OneLibrary", "RawFunction", "RawKernel", "packaged"]
+__all__ = ["Library", "OneLibrary", "PackageKernel", "RawFunction", "RawKernel", "packaged"]
 
 _MODULES = {  # imported when one of their names is asked for
-    "Kernel": "kernel",
     "Library": "raw",
     "OneLibrary": "raw",
+    "PackageKernel": "package_kernel",
     "RawFunction": "raw",
     "RawKernel": "raw",
     "packaged": "direct",

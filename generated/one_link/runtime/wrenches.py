@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import ArrayError, UnknownNameError
-from ...names import listed, nearest_or_all, parameter_name, show
-from ..arrays import joint_lead, numbers_in
-from ..calls import Calls
-from ..raw import Array
+from ..errors import ArrayError, UnknownNameError
+from ..names import listed, nearest_or_all, parameter_name, show
+from .arrays import joint_lead, numbers_in
+from .calls import Calls
+from .raw import Array
 
 WrenchLike = ArrayLike | Mapping[str, ArrayLike]  # rows of links, (links, 6), or wrenches by frame or link
 ALLOWED = "six finite numbers, (6,) or (..., 6): force (N), then moment (N m)"

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ...errors import ArrayError, InputError
-from ..calls import Calls
-from ..raw import Array
-from .options import Control, is_number
+from ..errors import ArrayError, InputError, IntegrationStopped
+from ..names import show
+from .arrays import joint_lead
+from .calls import Calls
+from .raw import Array
 
 SHARE = 16  # states that are worth a separate thread
+FIXED = {"rk4": 0, "implicit": 1}  # methods of steps of one length, and their numbers in C
+NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
+LONGEST = 1e30  # time, s: as of all numbers that descriptions and scenarios may have
 
 
 class Rollout(tuple[Array, Array]):
@@ -55,6 +59,70 @@ def cut_apart(rates: Array, coordinates: int) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
+class FixedSteps:
+    """Steps of one length of a rollout.
+
+    Attributes:
+        method: "rk4" or "implicit".
+        dt: length of a step, s.
+        steps: their number.
+        every: one of so many steps is stored.
+
+    Raises:
+        InputError: the method is unknown.
+    """
+
+    method: str = "rk4"
+    dt: float | None = None
+    steps: int | None = None
+    every: int = 1
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str) or self.method not in FIXED:
+            raise InputError(f"rollout: method {show(self.method)} is unknown; allowed: {', '.join(FIXED)}")
+
+    def fixed_steps(self, calls: Calls, count: int | None) -> tuple[float, int, int]:
+        """Return dt (s), steps and every as a kernel takes them.
+
+        Args:
+            count: of states, None for a single one.
+
+        Raises:
+            InputError: one of them is not allowed.
+        """
+        most = most_rows(calls, count)
+        steps, every = whole_number("steps", self.steps, most), whole_number("every", self.every, most)
+        dt, least = as_number(self.dt), float(np.finfo(calls.dtype).tiny)
+        if not least <= dt <= LONGEST:
+            allowed = f"a number from {least:.3g}, the least above 0 that {calls.dtype} holds, to {LONGEST:g}"
+            raise InputError(f"rollout: dt = {show(self.dt)} is not a length of time; {allowed} is allowed")
+        return dt, steps, every
+
+
+@dataclass(frozen=True)
+class Control:
+    """A joint controller, which adds kp (target - q) - kd v to the drives, and limits of these.
+
+    Attributes:
+        kp, kd: gains, a number for all principal coordinates or (n,); none without a controller.
+        target: coordinates that it aims at, shapes as of the drives.
+        effort: greatest forces of drives, (n,), N or N m, infinite where there is none; None where none is clipped.
+
+    Raises:
+        InputError: gains without a target, or a target without gains.
+    """
+
+    kp: ArrayLike | None = None
+    kd: ArrayLike | None = None
+    target: ArrayLike | None = None
+    effort: Array | None = None
+
+    def __post_init__(self) -> None:
+        if (self.target is None) != (self.kp is None and self.kd is None):
+            raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
+
+
+@dataclass(frozen=True)
 class Inputs:
     """States at the beginning of a rollout, drives and a controller, as ``Kernel.rollout`` takes them."""
 
@@ -79,6 +147,64 @@ class Inputs:
         if len({size for size in sizes.values() if size != 1}) > 1:
             raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
         return max(sizes.values())
+
+
+def joined_inputs(calls: Calls, z: ArrayLike | None, inputs: Inputs) -> Inputs:
+    """Return inputs in the arrays of the C: z, 0 by default, stands behind v; efforts are as they are.
+
+    Raises:
+        InputError: z, and no force law has internal states.
+        ArrayError: an array of another length.
+    """
+    if not calls.internal_states:
+        calls.refuse_z(z)
+        return inputs
+    control, m = inputs.control, len(calls.internal_states)
+    states = np.zeros(m, calls.dtype) if z is None else z
+    v0 = behind(calls, ("v0", inputs.v0, calls.n), ("z", states, m))
+    u, kp, kd = (padded(calls, x, y) for x, y in (("u", inputs.u), ("kp", control.kp), ("kd", control.kd)))
+    effort = None if control.effort is None else np.append(control.effort, np.full(calls.inputs - calls.n, np.inf))
+    return Inputs(inputs.q0, v0, u, Control(kp, kd, control.target, effort))
+
+
+def taken_apart(calls: Calls, take: Callable[[], Rollout]) -> Rollout:
+    """Return the result of steps with internal states of its own, also that of an IntegrationStopped."""
+    if not calls.internal_states:
+        return take()
+    try:
+        return take().apart(calls.n)
+    except IntegrationStopped as error:
+        error.set_apart(calls.n)
+        if error.stored is not None:
+            error.stored = Rollout.of(*error.stored).apart(calls.n)
+        raise
+
+
+def behind(calls: Calls, *parts: tuple[str, ArrayLike, int]) -> Array:
+    """Return arrays of states, by name and length, one behind the other in the last axis."""
+    taken = [calls.array(label, value, (size,)) for label, value, size in parts]
+    lead: tuple[int, ...] = ()
+    for (label, *_), (_, own) in zip(parts, taken, strict=True):
+        lead = joint_lead(label, own, lead)
+    return np.concatenate([np.broadcast_to(x, (*lead, x.shape[-1])) for x, _ in taken], axis=-1)
+
+
+def padded(calls: Calls, label: str, value: ArrayLike | None) -> Any:
+    """Return inputs of coordinates, (..., n), with zeros for forces beside drives behind; what is no array as it is.
+
+    Raises:
+        ArrayError: an array of another length.
+    """
+    try:
+        shape = np.shape(value)  # type: ignore[arg-type]  # of None ()
+    except ValueError:  # no array at all: checks say so
+        return value
+    if not shape:
+        return value
+    if shape[-1] != calls.n:
+        raise ArrayError(f"{label}: got shape {shape}; allowed: ({calls.n},) or (..., {calls.n})")
+    array = np.asarray(value)
+    return np.concatenate([array, np.zeros((*array.shape[:-1], calls.inputs - calls.n), array.dtype)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -215,6 +341,31 @@ def _controller_gains(calls: Calls, control: Control) -> list[Array]:
             )
         gains.append(array)
     return gains
+
+
+def whole_number(label: str, number: Any, most: int) -> int:
+    """Return a number from 1 to the most that is allowed; InputError of another one."""
+    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
+        raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
+    return int(number)
+
+
+def as_number(value: Any) -> float:
+    """Return a number as a float: infinite where that is too large for one, NaN where it is no number."""
+    try:
+        return float(value) if is_number(value) else np.nan
+    except OverflowError:
+        return np.inf
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number and no truth value."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def most_rows(calls: Calls, count: int | None) -> int:
+    """Return the most rows that all of so many states may have."""
+    return NUMBERS // (calls.rates * max(count or 1, 1))
 
 
 def allocate_states(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:

@@ -9,15 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ArrayError, IntegrationStopped
-from ...names import split_state
-from ..calls import Calls
-from ..chunking import OPERATIONS, ROUND, shared
-from ..loop_errors import stays_open
-from ..raw import Array, RawFunction
-from .methods import FIXED
-from .options import StepOptions, rollout_of
-from .rollouts import SHARE, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
+from ..errors import ArrayError, IntegrationStopped
+from ..names import split_state
+from .calls import Calls
+from .chunking import OPERATIONS, ROUND, shared
+from .loop_errors import stays_open
+from .raw import ROLLOUT, Array, RawFunction
+from .rollouts import FIXED, SHARE, FixedSteps, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
@@ -93,9 +91,9 @@ class StateBounds:
         return place, f"{name} is {size:.3g}, and cannot exceed {bound:.3g}; allowed: {METHODS}"
 
 
-def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
+def rollout(calls: Calls, inputs: Inputs, options: FixedSteps) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it; internal states stand behind velocities."""
-    calls.raw.function(rollout_of(options.method))  # or the error that it is not there
+    calls.raw.function(ROLLOUT)  # or the error that it is not there
     count, method = inputs.count(), FIXED[options.method]
     dt, steps, every = options.fixed_steps(calls, count)
     arrays = read_arrays(calls, inputs, steps, count)
@@ -122,7 +120,7 @@ def rollout(calls: Calls, inputs: Inputs, options: StepOptions) -> Rollout:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         if trouble is None and not _begins_well(calls, alone, dt, step, method):
-            raise calls.singular(rollout_of(options.method), reason, place, None if step else alone.starts[0][0])
+            raise calls.singular(ROLLOUT, reason, place, None if step else alone.starts[0][0])
         advice = _turned_about(calls, alone) or ADVICE
         what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)

@@ -7,21 +7,25 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
+from .bound import DECLARED, BoundFunctions
 from .calls import Calls
 from .direct import ExtensionBinding
-from .methods.bound import DECLARED, BoundFunctions
-from .methods.functions import Functions
-from .methods.kernel_methods import KernelMethods
 from .parameters import Parameters
-from .raw import Libraries, Operations, RawKernel
+from .raw import Array, Libraries, Operations, RawKernel, name_of
+from .wrenches import WrenchLike
 
 
-class CompiledCode(KernelMethods):
-    """Compiled functions with separate parameters, and how they are called; attributes as of ``Kernel``."""
+class CompiledKernel:
+    """Compiled functions with separate parameters, and how they are called; attributes as of ``eomgen.Kernel``."""
+
+    forward_dynamics: Any  # methods of classes derived from this one
+    functions: Any
+    _bound: BoundFunctions
 
     def __init__(
         self,
@@ -174,28 +178,60 @@ class CompiledCode(KernelMethods):
         for name in vars(self).keys() & DECLARED.keys():  # functions of other calls
             del vars(self)[name]
         self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = Functions(self._bound)
+        self._take_functions(self._bound)
         self._binding.take(self._bound)
 
-    def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
-        """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.
+    def _take_functions(self, bound: BoundFunctions) -> None:
+        """Let ``functions`` be these."""
+        self.functions = bound
 
-        Parameters are those of this kernel, also when they change.
+    def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
+        """Return the time derivatives of internal states, (m,), in their units per s.
 
         Args:
-            where: "cuda", with the number of a device such as "cuda:1".
-            contract: let products and sums be one operation: faster, with other last bits than on processors.
+            q, v: coordinates and their rates, (n,).
+            z: internal states, (m,).
+            u: drives, (n,); zeros by default.
+        """
+        drives = np.zeros(self.n, self.dtype) if u is None else u
+        whole = self.calls.run(self.forward_dynamics, None, (q, v, drives), z=z, whole=True)
+        return np.ascontiguousarray(whole[..., self.n :])
+
+    def constraint_forces(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: WrenchLike | None = None,
+        out: Array | None = None,
+        z: ArrayLike | None = None,
+    ) -> Array:
+        """Return multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
+
+        Behind them stand the forces of ``couplings``, which hold what is no coordinate (see ``coupling_forces``).
+        They are the forces that the loops' cut joints exert on their second links.  Where constraints are redundant,
+        those of them that rigid bodies do not determine have the least norm, weighted by the diagonal of J M^-1 J^T.
+
+        Args:
+            q, v, u: (n,), as in ``forward_dynamics``.
+            wrench: as in ``generalized_force``.
+            out: array to write to.
+            z: internal states, (m,).
 
         Raises:
-            InputError: there is no such device, no driver or no compiler for it; or the kernel is of a generated
-                package, which has no text for devices.
+            SingularError, LoopError: as of ``forward_dynamics``.
+            UnknownNameError: the robot has no loops or rigid couplings.
         """
-        if self._opener is None:
-            raise InputError(
-                f"device: {self.name} is a kernel of a package, which has no text for devices; allowed: kernels of"
-                " eomgen.build, and what eomgen.export_simt writes"
+        if not self.couplings:
+            return self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, out)
+        a = self.forward_dynamics(q, v, u, z, wrench=wrench)
+        forces = self.functions.coupling_forces(q, v, a, wrench=wrench, z=z)
+        if self.constraints:
+            forces = np.concatenate(
+                [self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, None), forces], axis=-1
             )
-        return self._opener(self, where, contract=contract)
+        return self.calls.arrays.written(forces, out)
 
     @property
     def threads(self) -> int:

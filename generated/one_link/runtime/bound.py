@@ -11,13 +11,13 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...errors import UnknownNameError
-from ...names import nearest_or_all, show
-from ..arrays import flag, joint_lead
-from ..calls import TREE, Calls
-from ..direct import DirectFunctions
-from ..parameters import kernel_of
-from ..raw import Array, RawFunction, RawKernel
+from ..errors import UnknownNameError
+from ..names import nearest_or_all, show
+from .arrays import flag, joint_lead
+from .calls import TREE, Calls
+from .direct import DirectFunctions
+from .parameters import kernel_of
+from .raw import Array, RawFunction, RawKernel
 from .wrenches import WrenchLike, wrench_rows
 
 FRAME, WRENCH, Z, CUT, OUT = "frame", "wrench", "z", "cut", "out"  # names of arguments
@@ -188,6 +188,14 @@ class BoundFunctions:
     def __getitem__(self, name: str) -> Callable[..., Array]:
         bound: Callable[..., Array] = getattr(self, name)
         return bound
+
+    def has(self, name: str) -> bool:
+        """Whether there is a function of that name, which may be there for the open tree alone."""
+        return _function(self.calls.raw, name) is not None
+
+    def names(self) -> list[str]:
+        """List the names of functions, without those of the open tree."""
+        return [name for name in self.calls.raw.functions if not name.startswith(TREE)]
 
     def bind(self, module: ModuleType) -> None:
         """Let plain calls go through an extension module."""
