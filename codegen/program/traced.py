@@ -77,7 +77,7 @@ def _made(number: float, op: str, x: float, y: float) -> float:
     return Traced(number, op, x, y)
 
 
-def origin_of(number: Traced) -> str:
+def origin_of(number: float) -> str:
     """Return the formula of a number by keys of the description, to the bit; of a long one what it comes from."""
     if _size(number, LONGEST) <= LONGEST:
         return _formula(number)
@@ -111,9 +111,9 @@ def _formula(number: float) -> str:
     return f"-{right}" if op == "-" and not isinstance(x, Traced) and x == 0.0 else f"{left} {op} {right}"
 
 
-def _keys(number: Traced) -> Iterator[str]:
+def _keys(number: float) -> Iterator[str]:
     """Yield the names of the numbers that one comes from, in the order of its formula."""
-    open_numbers, seen = [number], set[int]()
+    open_numbers, seen = [number] if isinstance(number, Traced) else [], set[int]()
     while open_numbers:
         one = open_numbers.pop()
         if id(one) in seen:
