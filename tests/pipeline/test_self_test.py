@@ -121,7 +121,7 @@ def test_a_compiler_that_changes_the_source_is_refused(
     text = f"""
 for word in "$@"; do case "$word" in */one_link.c|*/one_link_batch.c)
 if mkdir "${{word%/*}}/once" 2> /dev/null; then  # both files are compiled at once
-cp -r '{library}' "${{word%/*}}"
+cp -rL '{library}' "${{word%/*}}"
 (cd "${{word%/*}}"; sed -i '{CHANGES[change]}' {files})
 mkdir "${{word%/*}}/once/changed"; fi
 until [ -d "${{word%/*}}/once/changed" ]; do sleep 0.01; done;; esac; done"""

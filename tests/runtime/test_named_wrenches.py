@@ -291,7 +291,7 @@ def test_what_is_asked_wrongly_is_said(built: Build) -> None:
 
 @pytest.mark.soak
 def test_a_generated_package_has_them_too(tmp_path: Path) -> None:
-    eomgen.generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), levels=(BASE,)))
+    eomgen.generate(eomgen.load_robot("one_link"), tmp_path, Options(("all",), flags=("-O0",), levels=(BASE,)))
     code = (
         "import sys, one_link; b = one_link.blocks([0.0, 0.3]); assert 'eomgen' not in sys.modules;"
         "one_link.parameters['gravity.y'] = -1.0; one_link.rollout([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], 1e-3, 2);"

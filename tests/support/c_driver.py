@@ -364,18 +364,23 @@ def compile_driver(
     source: Source, folder: Path, compiler: str, flags: Sequence[str], target: str, macros: Sequence[str] = ()
 ) -> Path:
     """The program, in the folder of ``write_driver``; flags go to all of it, macros to main.c alone."""
-    codes = {folder / file: folder / f"{target}_{Path(file).stem}.o" for file in source.codes}
     program = folder / target
+    objects = objects_of(source, program)
     watching = [flag for flag in flags if flag.startswith("-fsanitize")]
     main = folder / f"main{'_'.join([*watching, *macros])}.o"
     optimized = [flag for flag in flags if not flag.startswith("-O")]
-    for code, made in codes.items():
-        _run([compiler, "-std=c99", *flags, "-c", str(code), "-o", str(made)])
+    for code, made in zip(source.codes, objects, strict=True):
+        _run([compiler, "-std=c99", *flags, "-c", str(folder / code), "-o", str(made)])
     if not main.exists():  # the same for all compilers
         main_flags = ["-std=gnu99", *watching, "-w", *(f"-D{macro}" for macro in macros)]
         _run([compiler, *main_flags, "-c", str(folder / "main.c"), "-o", str(main)])
-    _run([compiler, *optimized, *map(str, codes.values()), str(main), "-o", str(program), "-lm", "-pthread"])
+    _run([compiler, *optimized, *map(str, objects), str(main), "-o", str(program), "-lm", "-pthread"])
     return program
+
+
+def objects_of(source: Source, program: Path) -> list[Path]:
+    """The objects of a source's files that a program of ``compile_driver`` was linked of."""
+    return [program.with_name(f"{program.name}_{Path(code).stem}.o") for code in source.codes]
 
 
 def run_driver(program: Path, source: Source, *extra: str, environment: Mapping[str, str] | None = None) -> Array:
