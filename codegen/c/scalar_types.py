@@ -11,7 +11,7 @@ import numpy as np
 
 from eomgen.errors import InputError
 
-from ..program.traced import Traced, origin_of
+from ..tree.traced import Traced, origin_of
 from .wrapping import COLUMNS
 
 UNKNOWN = "constant of the equations: of a threshold, a series, bending modes or a measured curve"

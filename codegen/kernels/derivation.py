@@ -13,7 +13,6 @@ from ..forces.elements import ELEMENTS
 from ..forces.scalar_functions import Functions
 from ..program.ir import Graph, Value
 from ..program.passes import PARAMETERS
-from ..program.traced import Traced
 from ..tree.bending import bent
 from ..tree.bound import Bound, bind
 from ..tree.composite import Rows, mass_matrix
@@ -24,6 +23,7 @@ from ..tree.frozen_joints import JointGeometry, PosedTree, geometry
 from ..tree.recursion import inertial_rows
 from ..tree.regrouping import regroup
 from ..tree.spatial import Scalar
+from ..tree.traced import Traced
 
 Outputs = dict[tuple[str, int], Value]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
+from eomgen.lazily import kept
 from eomgen.names import component_name
-from eomgen.once import kept
 from eomgen.robot.value import readings
 
 from ..tree.regressor import regressor_names

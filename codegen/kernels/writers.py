@@ -20,8 +20,7 @@ from ..program.reverse_mode import gradient
 from ..tree.composite import coriolis_matrix
 from ..tree.frame_motion import frame_accelerations, frame_velocities, imu, imu_at
 from ..tree.frozen_joints import no_note
-from ..tree.kinematics import body_poses, external_rows, frame_poses, weight_energy
-from ..tree.momentum import center_of_mass, total_momentum
+from ..tree.kinematics import body_poses, center_of_mass, external_rows, frame_poses, total_momentum, weight_energy
 from ..tree.recursion import Wrench, accelerations, inertial_rows, kinetic_energy, through_joint_back
 from ..tree.regressor import INERTIAL, armatures, inertial_columns
 from ..tree.spatial import ZERO, Scalar, cross, is_zero, subtract

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .named import Named
 from .operations import ANGULAR, OPERATIONS, Operations
-from .traced import Traced
 
 Array = NDArray[Any]
 SinCos = Callable[[Any], tuple[Any, Any]]
@@ -104,7 +104,7 @@ class Graph:
 
     def constant(self, number: float) -> Node:
         """Return the number as a node (arithmetic takes plain floats just as well)."""
-        return self._node("const", (), (number if isinstance(number, Traced) else float(number)) + 0.0)
+        return self._node("const", (), (number if isinstance(number, Named) else float(number)) + 0.0)
 
     def insert(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         """Copy a value from another program as it is, without folding."""
@@ -300,7 +300,7 @@ class Graph:
         op, _, leaf = self.instructions[x.index]
         if op != "const":
             return None
-        return leaf if isinstance(leaf, Traced) else float(leaf)
+        return leaf if isinstance(leaf, Named) else float(leaf)
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)

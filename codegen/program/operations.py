@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import series
-from .traced import Traced
+from .named import Named
 
 Rate = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Any]
 Taylor = Callable[[Any, Sequence[series.Series], series.Series, int], Any]
@@ -81,7 +81,7 @@ class Operation:
         assert self.value is not None
         try:
             value = self.value(*numbers)
-            return value if isinstance(value, Traced) else float(value)
+            return value if isinstance(value, Named) else float(value)
         except (ArithmeticError, ValueError):
             return None
 

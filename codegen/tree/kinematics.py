@@ -1,17 +1,23 @@
-"""Poses of frames and axes of coordinates in the base, eqs. (1) to (3)."""
+"""Poses of frames and axes of coordinates in the base, eqs. (1) to (3); center of mass and momentum of the links.
+
+Links that are fixed to the base have no part in the latter, nor have motors' rotors, of whose axes a description says
+nothing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+from eomgen.errors import InputError
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
 from .frozen_joints import JointGeometry, PosedTree, no_note
-from .recursion import NO_WRENCH, Wrench, collect
-from .spatial import ZERO, Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose, vec3
+from .modal import NOTHING
+from .recursion import NO_WRENCH, Wrench, collect, rotational_inertia, velocities
+from .spatial import ZERO, Pose, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose, vec3
 
 BASE_POSE = Pose(IDENTITY, ZERO)
 
@@ -78,3 +84,34 @@ def weight_energy(tree: PosedTree) -> Scalar:
         for g, moment in zip(tree.bound.gravity, first, strict=True):
             energy = energy - g * moment
     return energy
+
+
+def center_of_mass(tree: PosedTree) -> Vec:
+    """Divide the sum of m c over the bodies, each from the base's origin, by the whole mass.
+
+    Raises:
+        InputError: no link that moves has mass.
+    """
+    poses, _ = body_poses(tree)
+    first, mass = ZERO, 0.0
+    for pose, body in zip(poses, tree.bound.bodies, strict=True):
+        H = body.inertia
+        first = add(first, add(matvec(pose.rotation, H.first), scale(H.mass, pose.origin)))
+        mass = mass + H.mass
+    if is_zero(mass):
+        raise InputError(f"center_of_mass: no link of {tree.model.name} that moves has mass; a mass above 0 is needed")
+    return scale(1.0 / mass, first)
+
+
+def total_momentum(tree: PosedTree, v: Sequence[Scalar]) -> tuple[Vec, Vec]:
+    """Sum the bodies' linear momenta, kg m/s, and their angular momenta about the base's origin, kg m^2/s."""
+    poses, _ = body_poses(tree)
+    linear, angular = ZERO, ZERO
+    for pose, (_, W), body in zip(poses, velocities(tree, v), tree.bound.bodies, strict=True):
+        H, moving = body.inertia, body.bent.sum(v) if body.bent is not None else NOTHING
+        body_momentum = matvec(pose.rotation, add(add(scale(H.mass, W.origin), cross(W.rate, H.first)), moving.row))
+        spin = add(add(rotational_inertia(H, W.rate), cross(H.first, W.origin)), moving.about())
+        spin = matvec(pose.rotation, spin)
+        linear = add(linear, body_momentum)
+        angular = add(angular, add(spin, cross(pose.origin, body_momentum)))
+    return linear, angular

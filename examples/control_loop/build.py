@@ -31,8 +31,8 @@ BEGIN, END = "<!-- begin of jitter -->\n", "<!-- end of jitter -->"
 def generated(folder: Path) -> Path:
     """Write all C that eomgen makes for the loop, and its task; return the folder."""
     model, plant = task.model(), task.plant()
-    eomgen.generate(plant, folder, Options(("rollout",), level="v1"), cmake=True)
-    eomgen.generate(model.rigid(), folder, Options(("mass_matrix",), level="v1"), cmake=True)
+    eomgen.generate(plant, folder, Options(("rollout",), levels=("v1",)), cmake=True)
+    eomgen.generate(model.rigid(), folder, Options(("mass_matrix",), levels=("v1",)), cmake=True)
     write_feedforward(model, folder / "controller", dt=task.DT)
     write_observer(task.kalman_filter(), folder / "controller")
     (folder / "task.h").write_text(task.header(), encoding="ascii")

@@ -2,7 +2,7 @@
 
 #include "reference.h"
 
-#include <eomgen/ur5_model_rigid_names.h>
+#include <eomgen/ur5_model_rigid.h>
 
 #include <math.h>
 

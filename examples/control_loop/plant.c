@@ -1,6 +1,6 @@
 #include "plant.h"
 
-#include <eomgen/ur5_plant_names.h>
+#include <eomgen/ur5_plant.h>
 
 #include <math.h>
 #include <string.h>

@@ -1,13 +1,18 @@
-"""Public names of packages, imported when they are first used (PEP 562)."""
+"""What is made when it is first used: public names of packages (PEP 562), and values that functions keep."""
 
 from __future__ import annotations
 
 import re
 import sys
 from collections.abc import Callable
+from functools import lru_cache, wraps
 from importlib import import_module
-from typing import Any
+from typing import Any, Generic, TypeVar, cast
 
+KEPT = 16  # objects whose values a function keeps
+
+Owner = TypeVar("Owner")
+Function = TypeVar("Function", bound=Callable[..., Any])
 _IMPORT = re.compile(r"^    from (\.[\w.]*) import (\w+) as \2$", re.MULTILINE)
 
 
@@ -43,3 +48,33 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
         return sorted({*origins, *(name for name in vars(module) if name.startswith("__"))})
 
     return find, names, sorted(name for name, origin in origins.items() if origin != ".")
+
+
+class _Same(Generic[Owner]):
+    """An object as a key that is equal to itself alone: equal numbers may have other signs of zero."""
+
+    def __init__(self, owner: Owner) -> None:
+        self.owner = owner
+
+    def __hash__(self) -> int:
+        return id(self.owner)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.owner is self.owner
+
+
+def kept(function: Function) -> Function:
+    """Return the function, which keeps what it gives for the last ``KEPT`` objects; errors are raised each time."""
+
+    first = function.__code__.co_varnames[0]
+
+    @lru_cache(maxsize=KEPT)
+    def value(same: _Same[Any], *args: Any, **further: Any) -> Any:
+        return function(same.owner, *args, **further)
+
+    @wraps(function)
+    def once(*args: Any, **further: Any) -> Any:
+        owner, rest = (args[0], args[1:]) if args else (further.pop(first), ())
+        return value(_Same(owner), *rest, **further)
+
+    return cast(Function, once)

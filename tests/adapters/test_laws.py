@@ -16,7 +16,8 @@ from eomgen.codegen.forces.internal_states.coordinate_laws import InternalStateL
 from eomgen.codegen.forces.joint_damping import JointDampers
 from eomgen.codegen.forces.joint_stiffness import JointStiffnesses
 from eomgen.description.load import robot_from_toml
-from eomgen.kernel.complete import Array, Kernel
+from eomgen.kernel.complete import Kernel
+from eomgen.runtime.raw import Array
 from tests.support.adapter_samples import differences, second_differences
 from tests.support.bristles import bent, bristle_arm, bristle_linkage
 from tests.support.builds import Build

@@ -19,9 +19,9 @@ import eomgen
 from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
 from eomgen.export.fmu.choices import ADAPTIVE, METHODS
 from eomgen.integration import integrate
-from eomgen.kernel.complete import Array
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Friction
+from eomgen.runtime.raw import Array
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.fmu_units import VERSIONS, Export, fmpy, states

@@ -10,7 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.kernel.complete import Array, Kernel
+from eomgen.kernel.complete import Kernel
+from eomgen.runtime.raw import Array
 from tests.support.builds import Build
 from tests.support.fmu_units import (
     VERSIONS,

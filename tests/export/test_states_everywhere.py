@@ -20,7 +20,7 @@ from eomgen.bench.textbook import unknown_to_textbook
 from eomgen.cli.entry import main
 from eomgen.cli.export import FORMATS
 from eomgen.codegen.arrays.sources import render_arrays
-from eomgen.codegen.c.ros2 import ros2_files
+from eomgen.codegen.c.projects.ros2 import ros2_files
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.export import export_mjcf

@@ -26,6 +26,7 @@ KNOWN = {  # modules that have names, and why
 }
 OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "constraint": "what has names in headers",
+    "cut_poses": "array",
     "energy": "figure or column of a simulation",
     "following": "array of the function that solves for dependent coordinates",
     "gravity": "parameter, key of a description or of a controller",
@@ -38,7 +39,7 @@ OTHERS = {  # words that are names of kernels, too, and what they mean elsewhere
     "settling": "array",
 }
 WHERE = {  # modules in which they mean that
-    "constraint": ("codegen/c/project.py",),
+    "constraint": ("codegen/c/names.py",),
     "energy": (
         *("analysis/modal_result", "export/fmu/variables", "integration/trajectory", "pictures/page_figures"),
         *("results/beside", "simulation/contents", "simulation/result", "simulation/segments"),
@@ -52,16 +53,17 @@ WHERE = {  # modules in which they mean that
         *("codegen/closed_form/readable.py", "codegen/tree/bound.py"),
     ),
     "imu": ("control/sensing", "robot/value/sensor", "robot/value/sensor_readings"),
-    "loop_reactions": ("identification/from_motion",),
-    "reactions": ("export/fmu/variables", "identification/from_motion"),
-    "regressor": ("codegen/c/metadata.py", "kernel/by_name"),
+    "cut_poses": ("codegen/c/names.py",),
+    "loop_reactions": ("identification/from_motion", "codegen/c/names.py"),
+    "reactions": ("export/fmu/variables", "identification/from_motion", "codegen/c/names.py"),
+    "regressor": ("codegen/c/metadata.py", "codegen/c/names.py", "kernel/by_name"),
     "residual": (
         *("control/feedforward_result", "control/inversion/result", "integration/system"),
         "pictures/measured/motions",
     ),
     "rollout": (
         *("adapters/jax", "export/wasm/pack", "runtime/raw", "kernel/stepping/adaptive", "sweep/driver", "sweep/keys"),
-        *("codegen/c/lanes.py", "codegen/c/ros2.py"),
+        *("codegen/c/lanes.py", "codegen/c/projects/ros2.py"),
     ),
     "settling": ("codegen/c/metadata.py",),
 }

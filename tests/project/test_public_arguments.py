@@ -18,12 +18,12 @@ from eomgen.kernel.stepping.methods import (
     ADAPTIVE,
     AUTO,
     EXPLICIT_METHODS,
-    FIXED,
     IN_C,
     METHODS,
     SCIPY_IMPLICIT,
     SUNDIALS,
 )
+from eomgen.runtime.rollouts import FIXED
 
 CHOICES = [
     (eomgen.Kernel.rollout, "method", [*FIXED, *ADAPTIVE]),

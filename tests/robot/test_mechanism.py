@@ -16,8 +16,8 @@ from eomgen.analysis.holding import pose_of
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import UNITS, parameter_unit
+from eomgen.lazily import KEPT, kept
 from eomgen.motion.ends import default_motion
-from eomgen.once import KEPT, kept
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.joint_types import CUTS, Component, rigid_components
 from eomgen.robot.model import build_model, movable_coordinates, open_tree, program_coordinates, rigid_coordinates

@@ -12,7 +12,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import IntegrationStopped, SingularError
-from eomgen.kernel.stepping import many_steps
+from eomgen.runtime import many_steps
 from eomgen.runtime.raw import STAGES, OneLibrary
 from tests.support.builds import Build
 from tests.support.refusals import refused

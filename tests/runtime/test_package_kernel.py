@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from eomgen.runtime.levels import BASE
 from tests.support.sliders import on_rail
 
 LAW = 'friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e3 }'  # with a state
-ROBOTS = {"one_link": eomgen.load_robot("one_link"), "four_bar": eomgen.load_robot("four_bar")}
+ROBOTS = {"link": eomgen.load_robot("one_link"), "bars": eomgen.load_robot("four_bar")}
 ROBOTS["rail"] = robot_from_toml(on_rail(LAW))
 
 
@@ -27,7 +28,8 @@ def kernels(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[tuple[Any, eomgen.Kernel]]:
     """The kernel of a package, imported, and eomgen's of the same C."""
-    robot, folder = ROBOTS[request.param], tmp_path_factory.mktemp("package")
+    robot = replace(ROBOTS[request.param], name=f"packaged_{request.param}")  # a module's name in this process
+    folder = tmp_path_factory.mktemp("package")
     eomgen.generate(robot, folder, Options(flags=("-O0",), levels=(BASE,)))
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))

@@ -144,7 +144,7 @@ name = "arm" -> name = "<a*49>" => name | 'aaaa | 48
 ~ "prismatic" -> "prismatic";; z = { limits = { lower = 1, upper = -1 } } => joints.joint2.z.limits | lower is 1.0 |
     lower <= upper
 ~ "prismatic" -> "prismatic";; z = { limits = {} } => joints.joint2.z.limits | lower, upper, velocity
-~ tunable = [ -> tunable = ["springs.rope.stiffness", => tunable | 'springs.rope.stiffness' | springs.SPRING.points
+~ tunable = [ -> tunable = ["springs.rope.stiffness", => tunable | 'springs.rope.stiffness' | springs.SPRING.stiffness
 ~ child = -> node = "tip";; child = => joints.joint1.node | 'tip' | does not bend | root
 ~ alpha = -> alpha_deg = 9, alpha = => joints.joint1.dh.alpha_deg | alpha (rad) is given, too | one of them
 ~ gravity = -> driven = ["joint1.zeta"];; gravity = => driven | 'joint1.zeta' | mean 'joint2.z' | allowed

@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 
 from eomgen.description.load import load_robot
 from eomgen.export.fmu.pack import export_fmu
-from eomgen.kernel.complete import Array, Kernel
+from eomgen.kernel.complete import Kernel
 from eomgen.robot.value import Robot
+from eomgen.runtime.raw import Array
 from tests.support.bristles import (
     bent,
     bristle_arm,

@@ -100,7 +100,7 @@ class CheckedFunction:
             return cls(name, labels, code.co_argcount - 1, axes, declared, otherwise)
         if function is None:
             raise raw.missing(name)
-        options = (*((FRAME,) if function.is_framed else ()), *function.takes)
+        options = (*((FRAME,) if function.is_framed else ()), *sorted(function.takes, key=lambda x: x != Z))
         labels = (*function.arguments, *options, *((CUT,) if name not in raw.functions else ()), OUT)
         return cls(name, labels, len(labels), axes)
 
@@ -128,6 +128,7 @@ class CalledInPython(partial[Any]):
 
     def __init__(self, checked: CheckedFunction, calls: Calls) -> None:
         self.checked = checked
+        self.__name__ = checked.name
         if checked.declared is not None:
             update_wrapper(self, MethodType(checked.declared, calls))
 
@@ -207,6 +208,26 @@ class BoundFunctions:
         self.is_direct = True
         for name in self.calls.raw.functions:
             vars(self).pop(name, None)
+
+
+class MethodsOfFunctions:
+    """Base of classes whose methods are functions of a kernel.
+
+    Attributes:
+        is_direct: True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its
+            shapes.  They go to the C without checks in Python.  All others, and all errors, are those of the calls in
+            Python, so that nothing but their time depends on it.  It is False where Python's or NumPy's headers were
+            missing.
+    """
+
+    def __init__(self, bound: BoundFunctions) -> None:
+        """Take a kernel's functions."""
+        self._bound = bound
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether plain calls go through an extension module."""
+        return self._bound.is_direct
 
 
 def evaluate(

@@ -1,7 +1,7 @@
 """Statics, vibration, frequency response, linearization and error budgets about a state or along a path.
 
-Uses runtime, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline, integration and
-simulation.
+Uses runtime, kernel, robot, results, bending, description, state, loops, motion, codegen (kernels), pipeline,
+integration and simulation.
 """
 
 from typing import TYPE_CHECKING

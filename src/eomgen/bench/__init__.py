@@ -1,4 +1,4 @@
 """Kernels compared with a Newton-Euler algorithm in C: operations and times.
 
-Uses runtime, robot, description, codegen (tree, kernels, c, package), templates and pipeline.
+Uses runtime, kernel, robot, description, codegen (tree, kernels, c, package), templates and pipeline.
 """

@@ -1,7 +1,7 @@
 """Feed-forward, observers and predictive control, in Python and as C.
 
-Uses runtime, robot, results, description, state, motion, scenario, codegen (c, kernels), templates, pipeline and
-simulation.
+Uses runtime, kernel, robot, results, description, state, motion, scenario, codegen (c, kernels), templates, pipeline
+and simulation.
 """
 
 from typing import TYPE_CHECKING

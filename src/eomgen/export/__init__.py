@@ -1,7 +1,7 @@
 """Export to FMU, MuJoCo, acados, WebAssembly, GPU source, NumPy, JAX and wheels.
 
-Uses runtime, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels, package,
-simt), templates, pipeline, simulation, control and pictures.
+Uses runtime, kernel, robot, description, state, loops, motion, integration, scenario, codegen (arrays, c, kernels,
+package, simt), templates, pipeline, simulation, control and pictures.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """Identification of stiffness, masses, friction and offsets; accuracy, tolerances, corrections.
 
-Uses runtime, robot, results, forms, description, state, motion, integration, scenario, codegen (kernels), pipeline,
-analysis, simulation and sweep.
+Uses runtime, kernel, robot, results, forms, description, state, motion, integration, scenario, codegen (kernels),
+pipeline, analysis, simulation and sweep.
 """
 
 from typing import TYPE_CHECKING

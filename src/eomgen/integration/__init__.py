@@ -1,6 +1,7 @@
 """Time integration of a kernel: steps, solvers, contacts, closed loops.
 
-Uses runtime, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
+Uses runtime, kernel, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind
+your back.
 """
 
 from typing import TYPE_CHECKING

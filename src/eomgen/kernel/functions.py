@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
-from ..runtime.bound import BoundFunctions
+from ..runtime.bound import MethodsOfFunctions
 from ..runtime.compiled_kernel import CompiledKernel
 from .kernel_methods import KernelFunctions, KernelMethods
 
 
-class Functions(KernelMethods, KernelFunctions):
+class Functions(KernelMethods, KernelFunctions, MethodsOfFunctions):
     """All functions of a kernel's C, one method each; ``Kernel`` has those of whole robots itself.
 
     Beside them there are functions of single parts (``spring_forces``, ``element_forces``, ``cut_forces``,
@@ -20,26 +20,11 @@ class Functions(KernelMethods, KernelFunctions):
     ``euler_cosines``.
     """
 
-    def __init__(self, bound: BoundFunctions) -> None:
-        """Take a kernel's functions."""
-        self._bound = bound
-
-    @property
-    def is_direct(self) -> bool:
-        """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
-
-        They go to the C without checks in Python.  All others, and all errors, are those of the calls in Python, so
-        that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
-        """
-        return self._bound.is_direct
-
 
 class KernelWithMethods(KernelMethods, CompiledKernel):
     """Compiled functions with the methods of kernels that call them; attributes as of ``Kernel``."""
 
-    def _take_functions(self, bound: BoundFunctions) -> None:
-        """Let ``functions`` be methods that call these."""
-        self.functions = Functions(bound)
+    kind_of_functions = Functions
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
         """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.

@@ -1,6 +1,6 @@
 """Closed mechanisms: redundant constraints, independent and dependent coordinates.
 
-Uses robot, runtime and state.
+Uses robot, runtime, kernel and state.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
 """Reference motions of coordinates and tools: splines, tables, tool paths, measured files.
 
-Uses runtime, robot, forms, state and loops; ``feedforward`` is that of control.
+Uses runtime, kernel, robot, forms, state and loops; ``feedforward`` is that of control.
 """
 
 from typing import TYPE_CHECKING

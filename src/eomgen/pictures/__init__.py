@@ -1,6 +1,6 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, results, forms, bending, description, state, codegen (joint, kernels, package), templates,
+Uses kernel, robot, results, forms, bending, description, state, codegen (joint, kernels, package), templates,
 pipeline, simulation, analysis, sweep and identification.
 """
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from .._version import __version__
 from ..codegen.joint.facts import with_facts
-from ..once import kept
+from ..lazily import kept
 from ..robot.geometry import JointFacts
 from ..robot.model import Model, build_model
 from ..robot.value import Robot

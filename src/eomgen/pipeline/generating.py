@@ -70,7 +70,7 @@ def generate(
             report has another ending.
         BuildError: see ``build``.
     """
-    from ..codegen.c.samples import render_samples
+    from ..codegen.c.projects.samples import render_samples
     from ..codegen.derivation.report import render_report, with_summary
 
     folder, robot = Path(as_path(folder, "folder")), as_robot(robot)
@@ -147,8 +147,8 @@ def _files_of_levels(described: Described, progress: StageReport) -> store.Files
 
 def _write_project(package: Path, name: str, options: Options, ros2: bool) -> None:
     """Add what makes the package a project of C and C++, and one of ROS 2."""
-    from ..codegen.c.project import project_files
-    from ..codegen.c.ros2 import ros2_files
+    from ..codegen.c.projects.project import project_files
+    from ..codegen.c.projects.ros2 import ros2_files
     from ..codegen.package.compile import kernel_flags
 
     meta, header = json.loads((package / f"{name}.json").read_bytes()), (package / f"{name}.h").read_text("ascii")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 
 # Folders of eomgen with all that the generator imports; modules beside them count too (a test follows the imports).
-FOLDERS = ("clib", "codegen", "forms", "robot", "runtime", "templates")
+FOLDERS = ("clib", "codegen", "forms", "kernel", "robot", "runtime", "templates")
 ENDINGS = (".py", ".jinja", ".c", ".h")
 
 

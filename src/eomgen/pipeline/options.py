@@ -51,11 +51,11 @@ class Options:
     quick: bool = False
 
     def __post_init__(self) -> None:
-        known = f"{ALL}, {', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
+        known = f"{', '.join(_NAMED)}, their derivatives, such as energy_adjoint, or {ALL}"
         kernels = _names("kernels", self.kernels, {ALL, *OWNERS}, known, _NAMED[0])
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS.get(name, name) for name in kernels)))
         word_in("dtype", self.dtype, DTYPES)
-        levels = _names("levels", self.levels, {ALL, *LEVELS}, f"{ALL}, {', '.join(LEVELS)}", BASE)
+        levels = _names("levels", self.levels, {ALL, *LEVELS}, f"{', '.join(LEVELS)}, {ALL}", BASE)
         object.__setattr__(self, "levels", (ALL,) if ALL in levels else tuple(x for x in LEVELS if x in levels))
         if levels and self.native:
             raise InputError(f"levels: {', '.join(self.levels)} beside native; allowed: one of them")

@@ -15,8 +15,8 @@ from typing import NoReturn
 
 from ..errors import DescriptionError, UnknownNameError
 from ..identifiers import IDENTIFIER_RULE, ROBOT_RULE, check_kind, is_identifier, is_robot_name, parameter_path
+from ..lazily import kept
 from ..names import component_name, joint_of, kind_of, listed, parameter_name, show
-from ..once import kept
 from .coordinates import coordinate_names
 from .elements import MATRICES
 from .elements.joint_element import missing_table

@@ -11,9 +11,9 @@ from typing import Any
 from ..errors import InputError
 from ..forms.plain import value_of
 from ..identifiers import check_kind
+from ..lazily import kept
 from ..limits import LARGEST
 from ..names import show
-from ..once import kept
 from .value import COORDINATES, Joint, Loop, Robot
 
 

@@ -1,6 +1,6 @@
 """TOML -> Scenario: a simulation as a value that names no kernel.
 
-Uses robot, forms, description, motion, and the names of runtime's integration methods.
+Uses robot, forms, description, motion, and the names of kernel's integration methods.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
 """Robot and Scenario -> SimulationResult: reference motions, actuators, loads, energy.
 
-Uses runtime, robot, results, forms, description, state, loops, motion, integration, scenario, codegen (kernels)
+Uses runtime, kernel, robot, results, forms, description, state, loops, motion, integration, scenario, codegen (kernels)
 and pipeline; feedforward uses control.
 """
 

@@ -1,6 +1,6 @@
 """A kernel in one state: motors behind gears, stiffness of springs, static equilibrium.
 
-Uses runtime and robot.
+Uses runtime, kernel and robot.
 """
 
 from .drives import drives_at_rest

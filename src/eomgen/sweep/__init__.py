@@ -1,6 +1,6 @@
 """Parameter sweeps: plans, samples, workers, stores, results.
 
-Uses runtime, robot, forms, description, state, integration, motion, scenario, codegen (kernels),
+Uses kernel, robot, forms, description, state, integration, motion, scenario, codegen (kernels),
 pipeline and simulation.
 """
 

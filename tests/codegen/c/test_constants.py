@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.codegen.c.scalar_types import UNKNOWN
-from eomgen.codegen.program.traced import Traced, origin_of
+from eomgen.codegen.tree.traced import Traced, origin_of
 from eomgen.pipeline.generating import package_options
 from eomgen.pipeline.options import Options
 from eomgen.pipeline.stages import make_source

@@ -308,7 +308,7 @@ def test_a_package_carries_those_files_that_its_c_includes(
     need("gcc")
     package = generate("one_link", tmp_path, Options(kernels, flags=("-O0",), levels=(BASE,)))
     header = (package / "one_link.h").read_text(encoding="ascii")
-    declared = set(re.findall(r"^(?:void|int|long long) (one_link_\w+)\(", header, re.M))
+    declared = set(re.findall(r"^(?:void|int|long long|const char \*)\s?(one_link_\w+)\(", header, re.M))
     included = set[str]()
     for name, is_batch in (("one_link", False), ("one_link_batch", True)):
         run("gcc", "-c", *WARNINGS, "-std=c99", f"{name}.c", cwd=package)

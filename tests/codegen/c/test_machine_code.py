@@ -314,7 +314,7 @@ def test_sanitizers_have_nothing_to_say(name: str, dtype: str, sanitizer: str, t
 def test_a_sanitizer_sees_what_is_too_short(tmp_path: Path) -> None:
     """The driver's arrays are of the exact sizes: a kernel that writes one number more is caught."""
     source = prepared_alone(tmp_path)
-    wrong = source.code.replace("out[3] = 0.3333333333333333;", "out[4] = out[3] = 0.3333333333333333;", 1)
+    wrong = source.code.replace("out[3] = EOM_C0;", "out[4] = out[3] = EOM_C0;", 1)
     assert wrong != source.code
     (tmp_path / "one_link.c").write_text(wrong, encoding="ascii")
     program = compile_driver(source, tmp_path, compilers()[0], (*SANITIZERS["memory"], *PLAIN), "wrong")

@@ -90,7 +90,7 @@ def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
     equations = equations_of("one_link")
     meta = kernel_metadata(equations)
     header = header_context(equations, meta, True)
-    alone = {**header, **number_context(equations, meta)}
+    alone = {**header, **number_context(equations, meta), "without_simd": False, "libm": False}
     code = {**alone, "opening": ""}
     given = {"kernel.h": header, "opening.c": alone, "kernel.c": code, "batches.c": {**code, **lane_context(equations)}}
     for name, context in given.items():

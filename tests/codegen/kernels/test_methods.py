@@ -19,7 +19,6 @@ from eomgen.kernel.stepping.methods import (
     ADAPTIVE,
     COST,
     EXPLICIT,
-    FIXED,
     METHODS,
     ROSENBROCK,
     TABLE,
@@ -30,6 +29,7 @@ from eomgen.kernel.stepping.methods import (
 )
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.rollouts import FIXED
 from eomgen.state.springs import damping_matrix, stiffness_matrix
 from tests.support.builds import Build
 from tests.support.method_rows import BS3, RODAS4

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from ...errors import UnknownNameError
+from ...lazily import kept
 from ...names import (
     component_name,
     html_table,
@@ -19,7 +20,6 @@ from ...names import (
     show,
     split_component,
 )
-from ...once import kept
 from ..bounds import Limits
 from ..elements import Element, LinkElement
 from ..elements.spring import Spring

@@ -8,16 +8,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from ..program.named import Named
+
 Term = tuple[Any, ...]  # a name; or an operator and two numbers
 
 LONGEST = 8  # numbers in a formula that is written out
 MOST_KEYS = 12  # of numbers that a longer one comes from
 
 
-class Traced(float):
+class Traced(Named):
     """A float with its origin: the key of a number of the description, or an operator and what it was applied to."""
 
-    __slots__ = ("term",)
+    __slots__ = ()
     term: Term
 
     def __new__(cls, number: float, *term: Any) -> Traced:

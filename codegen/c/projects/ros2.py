@@ -12,8 +12,8 @@ from typing import Any
 from eomgen._version import __version__
 from eomgen.errors import InputError
 
-from .names import safe
-from .source import environment
+from ..names import safe
+from ..source import environment
 
 TEMPLATES = {
     "package.xml": "package.xml.jinja",

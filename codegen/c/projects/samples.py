@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from eomgen._version import __version__
 from eomgen.runtime.rollouts import FIXED
 
-from ..kernels.equations import Equations
-from ..kernels.signatures import Function, functions, signatures_of
-from .expected import ITERATED, ROUNDING, STEP, expected_numbers, within
-from .scalar_types import SCALARS
-from .source import environment
+from ...kernels.equations import Equations
+from ...kernels.signatures import Function, functions, signatures_of
+from ..expected import ITERATED, ROUNDING, STEP, expected_numbers, within
+from ..scalar_types import SCALARS
+from ..source import environment
 
 Array = NDArray[Any]
 

@@ -13,11 +13,11 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import BATCHES, Function, functions, signature_table
-from .library import included_files
-from .names import name_tables, safe
-from .scalar_types import SCALARS
-from .source import environment
+from ...kernels.signatures import BATCHES, Function, functions, signature_table
+from ..library import included_files
+from ..names import name_tables, safe
+from ..scalar_types import SCALARS
+from ..source import environment
 
 BY_VALUE = 8192  # numbers that a function of C++ returns by value: they lie on the stack
 IEEE = "-fno-fast-math"  # a whole project's -ffast-math would take NaN for a number

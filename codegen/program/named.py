@@ -1,0 +1,13 @@
+"""Numbers that know what they come from, as programs keep them; ``tree.traced`` computes with them."""
+
+from __future__ import annotations
+
+
+class Named(float):
+    """A number with what it comes from.
+
+    Attributes:
+        term: a name, or an operator and two numbers.
+    """
+
+    __slots__ = ("term",)
