@@ -1,4 +1,4 @@
-"""What is made when it is first used: public names of packages (PEP 562), and values that functions keep."""
+"""Names that packages import when they are first used (PEP 562), and values that functions keep."""
 
 from __future__ import annotations
 
