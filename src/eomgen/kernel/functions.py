@@ -24,7 +24,7 @@ class Functions(KernelMethods, KernelFunctions, MethodsOfFunctions):
 class KernelWithMethods(KernelMethods, CompiledKernel):
     """Compiled functions with the methods of kernels that call them; attributes as of ``Kernel``."""
 
-    kind_of_functions = Functions
+    _kind_of_functions = Functions
 
     def device(self, where: Any = "cuda", *, contract: bool = False) -> Any:
         """Return methods of the same names on arrays that lie on a device of CUDA; see ``eomgen.device.face.Device``.

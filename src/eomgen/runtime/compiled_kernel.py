@@ -25,7 +25,7 @@ class CompiledKernel:
 
     forward_dynamics: Any  # methods of classes derived from this one
     functions: Any
-    kind_of_functions: Callable[[BoundFunctions], Any] | None = None  # class whose methods call functions
+    _kind_of_functions: Callable[[BoundFunctions], Any] | None = None  # class whose methods call functions
     _bound: BoundFunctions
 
     def __init__(
@@ -179,7 +179,7 @@ class CompiledKernel:
         for name in vars(self).keys() & DECLARED.keys():  # functions of other calls
             del vars(self)[name]
         self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = self._bound if self.kind_of_functions is None else self.kind_of_functions(self._bound)
+        self.functions = self._bound if self._kind_of_functions is None else self._kind_of_functions(self._bound)
         self._binding.take(self._bound)
 
     def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
