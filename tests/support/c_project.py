@@ -100,8 +100,9 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
 
 
 def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
-    """A generated package with its project, compiled without optimisation, for this processor's level alone."""
-    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), levels=(supported()[-1],)), cmake=True)
+    """A generated package of all kernels or of some, with its project, compiled quickly for the best level here."""
+    options = Options(kernels or ("all",), dtype, flags=("-O0",), levels=(supported()[-1],))
+    return generate(robot, folder, options, cmake=True)
 
 
 def elastic_tree() -> Robot:

@@ -17,12 +17,14 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.package.compile import FLAGS, WARNINGS, carried_contents, find_compiler
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.package.compile import FLAGS, WARNINGS, find_compiler
 from eomgen.errors import BuildError
-from eomgen.pipeline import cache
 from eomgen.pipeline.options import Options
+from eomgen.pipeline.stages import make_source
+from tests.support.c_project import write_source
 from tests.support.optional import needs
-from tests.support.quick_builds import Q, one_link, package_of, script, without_headers
+from tests.support.quick_builds import Q, one_link, script, without_headers
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
@@ -95,19 +97,9 @@ def test_no_compiler_at_all(empty_cache: Path, tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.fixture(scope="module")
-def single() -> cache.Entry:
-    """The package of a 6-DOF arm's inverse dynamics in float32."""
-    return package_of(eomgen.load_robot("puma560"), Options(("inverse_dynamics",), "float32"))
-
-
-def unpacked(package: cache.Entry, folder: Path) -> Path:
-    """Write a package's C and headers into a folder; its own .c, which stands for all."""
-    files = {**package.files, **carried_contents()}
-    sources = {name: data for name, data in files.items() if name.endswith((".c", ".h"))}
-    for name, data in sources.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-    return next(folder / name for name in sources if name.endswith(".c") and "/" not in name)
+def single() -> Source:
+    """The C of a 6-DOF arm's inverse dynamics in float32."""
+    return make_source("puma560", Options(("inverse_dynamics",), "float32"))
 
 
 TARGETS = {
@@ -122,13 +114,11 @@ TARGETS = {
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_other_systems(target: str, dtype: str, tmp_path: Path) -> None:
     """A shared library for it, without a warning."""
-    options = Options((), dtype, flags=("-O0",))
-    package = package_of(eomgen.load_robot("one_link"), options)
-    source = unpacked(package, tmp_path)
+    codes = write_source(make_source("one_link", Options((), dtype)), tmp_path)
     special, magic, at, machine = TARGETS[target]
     out = tmp_path / "library"
     flags = [*WARNINGS, "-Werror", *FLAGS, *([special] if special else []), "-shared"]
-    run([*ZIG, "-target", target, *flags, str(source), "-o", str(out), "-lm"])
+    run([*ZIG, "-target", target, *flags, *map(str, codes), "-o", str(out), "-lm"])
     found = out.read_bytes()
     assert found.startswith(magic)
     if at is None:
@@ -148,13 +138,13 @@ def literal(values: Any) -> str:
 
 
 @pytest.fixture(scope="module")
-def motion(single: cache.Entry) -> tuple[str, np.ndarray, np.ndarray]:
+def motion(single: Source) -> tuple[str, np.ndarray, np.ndarray]:
     """states.h for the firmware; the generalized forces of the kernel here; what round-off may change in them."""
     kernel = eomgen.build(eomgen.load_robot("puma560"), kernels=("inverse_dynamics",), dtype="float32")
     exact = eomgen.build(eomgen.load_robot("puma560"), kernels=("inverse_dynamics",))
     rng = np.random.default_rng(7)
     q, v, a = (rng.uniform(-size, size, (STATES, 6)).astype(np.float32) for size in (math.pi, 2.0, 5.0))
-    meta = json.loads(single.files["puma560.json"])
+    meta = json.loads(single.meta)
     values = [kernel.parameters[name] for name in kernel.parameters]
     lines = [
         '#include "puma560.h"',
@@ -171,11 +161,11 @@ def motion(single: cache.Entry) -> tuple[str, np.ndarray, np.ndarray]:
     return "\n".join(lines) + "\n", np.asarray(expected), 50.0 * np.finfo(np.float32).eps * scale
 
 
-def firmware(compiler: str, processor: str, single: cache.Entry, states: str, folder: Path) -> Path:
+def firmware(compiler: str, processor: str, single: Source, states: str, folder: Path) -> Path:
     """An image for a bare board: the kernel freestanding but for libm, C's start, and nothing else."""
     here = Path(__file__).parent / "cortex_m"
     (folder / "states.h").write_text(states)
-    kernel, out = unpacked(single, folder), folder / "firmware.elf"
+    kernel, out = write_source(single, folder)[0], folder / "firmware.elf"
     if compiler == "zig":  # whose own library has sinf and cosf for any target; declarations of musl
         spec = importlib.util.find_spec("ziglang")
         assert spec.origin is not None
@@ -249,7 +239,7 @@ def check(found: np.ndarray, motion: tuple[str, np.ndarray, np.ndarray]) -> None
 
 @pytest.mark.soak
 @needs_zig
-def test_cortex_m7(single: cache.Entry, motion: tuple[str, np.ndarray, np.ndarray], tmp_path: Path) -> None:
+def test_cortex_m7(single: Source, motion: tuple[str, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     """Float32 inverse dynamics of a 6-DOF arm on an emulated Cortex-M7: the same numbers but for round-off."""
     needs("unicorn")
     check(in_unicorn(firmware("zig", "cortex-m7", single, motion[0], tmp_path)), motion)
@@ -264,7 +254,7 @@ def test_boards(
     board: str,
     processor: str,
     compiler: str,
-    single: cache.Entry,
+    single: Source,
     motion: tuple[str, np.ndarray, np.ndarray],
     tmp_path: Path,
 ) -> None:
