@@ -277,7 +277,7 @@ def test_a_level_that_does_not_run_here_is_refused(monkeypatch: pytest.MonkeyPat
     refused(InputError, r"\$EOMGEN_LEVEL: 'v5' is unknown" + allowed, eomgen.build, "one_link")
     refused(InputError, r"level: 'v2' is unknown; allowed: v1, v3, v4$", eomgen.build, "one_link", level="v2")
     refused(InputError, r"levels: v3 beside native; allowed: one of them$", Options, levels=("v3",), native=True)
-    refused(InputError, r"levels: 'v2' is unknown; allowed: all, v1, v3, v4$", Options, levels=("v1", "v2"))
+    refused(InputError, r"levels: 'v2' is unknown; allowed: v1, v3, v4, all$", Options, levels=("v1", "v2"))
     refused(InputError, r"levels: 'all'; allowed: a sequence of names, \('all',\)$", Options, levels="all")
     assert Options(levels=("v4", "v1", "v4")).levels == ("v1", "v4")
     assert Options(levels=("v3", "all")).levels == ("all",)

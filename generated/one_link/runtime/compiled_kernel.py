@@ -221,12 +221,12 @@ class CompiledKernel:
             UnknownNameError: the robot has no loops or rigid couplings.
         """
         if not self.couplings:
-            return self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, out)
+            return self._bound[name_of(self.constraint_forces)](q, v, u, wrench=wrench, z=z, out=out)
         a = self.forward_dynamics(q, v, u, z, wrench=wrench)
         forces = self.functions.coupling_forces(q, v, a, wrench=wrench, z=z)
         if self.constraints:
             forces = np.concatenate(
-                [self._bound[name_of(self.constraint_forces)](q, v, u, wrench, z, None), forces], axis=-1
+                [self._bound[name_of(self.constraint_forces)](q, v, u, wrench=wrench, z=z), forces], axis=-1
             )
         return self.calls.arrays.written(forces, out)
 

@@ -15,8 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.c import project
 from eomgen.codegen.c.names import TAKEN, identifiers, safe
+from eomgen.codegen.c.projects import project
 from eomgen.codegen.c.projects.project import project_files, quoted, view
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import LoopError, SingularError
