@@ -245,7 +245,8 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     places = np.arange(3 * n * n).reshape(3, n, n).transpose(1, 0, 2).reshape(n, 3 * n)
     pivots = of.accelerations(calls, of.dtype).get("pivot")
     error = np.abs(fine - coarse)
-    error[:, :STATES] += _tolerances(ahead).T / (SAFETY * INCREMENT)
+    sizes = float(np.finfo(np.float64).eps) * (np.abs(ahead) + np.abs(fine))  # of inputs that are rounded, and results
+    error[:, :STATES] += (_tolerances(ahead).T / SAFETY + sizes[:, :STATES]) / INCREMENT
     if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
     return Answer(fine, pivots, error, places, np.concatenate(_columns(of.model, moved)))
