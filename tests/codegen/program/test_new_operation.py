@@ -185,7 +185,7 @@ def run(function: Any, q: Array, size: int) -> Array:
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("vector", [0, 16, 32])
-def test_c_of_numbers_and_of_vectors(dtype: str, vector: int, tmp_path: Path) -> None:
+def test_c_of_numbers_and_of_vectors(dtype: str, vector: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     scalar, made = SCALARS[dtype], program()
     single, several = (write_function(made, x).chunks[0] for x in (scalar, scalar.lanes()))
     text = f"""
@@ -208,7 +208,8 @@ lanes q[3], out[2];
 (void)memcpy(results, out, sizeof out);
 }}
 """
-    library = compiled(tmp_path, text, ("cc", "-std=gnu99", "-Wno-psabi"))
+    folder = tmp_path_factory.mktemp("new")  # a path that no library had before: the loader goes by paths
+    library = compiled(folder, text, ("cc", "-std=gnu99", "-Wno-psabi"))
     q = np.stack([Q + 0.1 * lane for lane in range(library.width())], axis=1).astype(dtype)
     wanted = np.stack([run(library.single, np.ascontiguousarray(row), 2) for row in q.T], axis=1)
     assert np.array_equal(run(library.several, q, 2 * library.width()).reshape(2, -1), wanted)
@@ -218,7 +219,7 @@ lanes q[3], out[2];
 @pytest.mark.parametrize(
     "compiler", [("cc", "-std=gnu99", "-Wno-unused-function"), ("c++", "-x", "c++", "-Wno-unused-function")]
 )
-def test_device_source(compiler: Sequence[str], tmp_path: Path) -> None:
+def test_device_source(compiler: Sequence[str], tmp_path_factory: pytest.TempPathFactory) -> None:
     made = program()
     lines = list(Writer(made, scheduled(made, PLACES["float64"]), SCALARS["float64"]).lines())
     kernel: Mapping[str, Any] = {
@@ -231,7 +232,9 @@ def test_device_source(compiler: Sequence[str], tmp_path: Path) -> None:
     kernel = {**kernel, "scalars": [], "method": "", "controlled": [], "lines": lines, "is_first": True}
     said = {"name": "new", "dtype": "float64", "tile": 1, "flags": {"cuda": "", "c": ""}}
     context = _context(said, [kernel], TABLE)
-    library = compiled(tmp_path, environment().get_template("simt/kernels.h.jinja").render(context), compiler)
+    library = compiled(
+        tmp_path_factory.mktemp("device"), environment().get_template("simt/kernels.h.jinja").render(context), compiler
+    )
     out, status = np.zeros(2), np.zeros(1, np.int32)
     pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (np.zeros(1), Q, out, status)]
     library.device(ctypes.c_ulonglong(1), *pointers)
