@@ -246,7 +246,8 @@ def _acceleration_derivatives(of: _Reference, calls: tuple[str, ...]) -> Answer 
     pivots = of.accelerations(calls, of.dtype).get("pivot")
     error = np.abs(fine - coarse)
     sizes = float(np.finfo(np.float64).eps) * (np.abs(ahead) + np.abs(fine))  # of inputs that are rounded, and results
-    error[:, :STATES] += (_tolerances(ahead).T / SAFETY + sizes[:, :STATES]) / INCREMENT
+    states = _states_of(ahead)
+    error[:, :states] += (_tolerances(ahead).T / SAFETY + sizes[:, :states]) / INCREMENT
     if closing is not None:  # whose matrix is factored with more on its diagonal
         error += DAMPED[of.dtype] * np.abs(fine).max(axis=0)
     return Answer(fine, pivots, error, places, np.concatenate(_columns(of.model, moved)))

@@ -43,6 +43,15 @@ def test_it_passes_and_sees_a_changed_constant(tmp_path: Path) -> None:
     assert "mass_matrix in state 0, row 1, column 1: 0.3333333333333" in wrong.stdout
 
 
+@pytest.mark.quick
+def test_derivatives_of_accelerations_have_tolerances_in_every_state(tmp_path: Path) -> None:
+    """More states than the package's own test has: each takes a tolerance of its own."""
+    options = Options(("forward_dynamics_jacobian",), scalar=True)
+    said = run(program(generate("four_bar", tmp_path, options, samples=5)))
+    assert "5 states" in said
+    assert " 0 deviations" in said
+
+
 @pytest.mark.soak(most=4)
 @pytest.mark.parametrize(
     ("robot", "options"),
