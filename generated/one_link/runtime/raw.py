@@ -403,7 +403,11 @@ class RawKernel:
         return self.function(name).address(batch=batch)
 
     def source(self, ending: str) -> str:
-        """Return the C with all functions: "h", the header, or "c"; "json" is what Python reads of it.
+        """Return the text of a file of the package.
+
+        Args:
+            ending: "h", the header of all functions; "c", the C of those of one state (those of many states are in
+                NAME_batch.c); "json", what Python reads of both.
 
         Raises:
             InputError: another ending.
