@@ -107,7 +107,8 @@ class Scalar:
             return repr(float(number))
         if abs(number) > float(np.finfo(np.float32).max):
             raise InputError(f"dtype: float32 cannot hold {number!r}, a number of the description; use float64")
-        return str(np.float32(number)) + self.suffix
+        shortest = float(str(np.float32(number)))  # which Python writes: NumPy's exponents depend on its version
+        return repr(shortest) + self.suffix
 
 
 SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}

@@ -3,7 +3,7 @@
 #if defined(EOM_SINGLE)
 #define FARTHEST 5000.0f
 #define QUARTERS 0.63661975f /* 2/pi */
-#define SHIFT 1.2582912e+07f /* brings a number's units into the lowest bits */
+#define SHIFT 12582912.0f /* brings a number's units into the lowest bits */
 #define REST(x, k) ((x) - (k)*1.5703125f - (k)*0.0004837513f - (k)*7.5495336e-08f - (k)*2.563344e-12f)
 #define SINE(z) (-0.16666655f + (z)*(0.008332161f + (z)*-0.00019515296f))
 #define COSINE(z) (0.041666646f + (z)*(-0.0013887316f + (z)*2.4433157e-05f))
