@@ -1,7 +1,8 @@
 """Calls that move a generated package's robot in every way: run by themselves, so that a sanitizer can watch them.
 
-``python watched_calls.py FOLDER NAME RESULTS`` imports NAME from FOLDER, moves states that STATES holds, and writes
-what comes back to RESULTS.  States of a batch have the bits that they have alone: that is checked.
+``python watched_calls.py FOLDER NAME RESULTS`` imports NAME from FOLDER, moves states that STATES holds by the whole
+kernel of its libraries, and writes what comes back to RESULTS.  States of a batch have the bits that they have alone:
+that is checked.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+import eomgen
+from eomgen.errors import IntegrationStopped
 
 Array = NDArray[Any]
 STATES = "states.npz"  # beside the package: q, v and u, (N, n) each, and z, (N, m); the first CALM are slow
@@ -47,9 +51,7 @@ def rolled(kernel: Any, q: Array, v: Array, u: Array, z: Array, **how: Any) -> A
     """States of a rollout, (..., 2n + m), or as far as it went."""
     try:
         found = kernel.rollout(q, v, u, z=z, **how)
-    except Exception as error:  # IntegrationStopped, which a package brings itself
-        if not hasattr(error, "stored"):
-            raise
+    except IntegrationStopped as error:
         found = error.stored
     arrays = (*found, found.z) if z.size else found
     return np.concatenate([x.reshape(*q.shape[:-1], -1, x.shape[-1]) for x in arrays], axis=-1)
@@ -106,7 +108,7 @@ def differentiated(kernel: Any, state: tuple[Array, ...], how: Mapping[str, Any]
 def main(folder: str, name: str, results: str) -> None:
     """Move the package's robot and write what comes back."""
     sys.path.insert(0, folder)
-    kernel = importlib.import_module(name).kernel
+    kernel = eomgen.Kernel(importlib.import_module(name).kernel.raw.libraries)
     with np.load(Path(folder) / STATES) as states:
         np.savez(results, **moved(kernel, *(states[key] for key in "qvuz")))
 
