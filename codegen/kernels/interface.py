@@ -15,6 +15,7 @@ from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import conditions, element_places, leasts, matrices
 from eomgen.robot.value import MOTOR, Coupling, Loop
+from eomgen.runtime.flexible_links import bending_links
 
 from ..tree.regressor import described_values, regressor_names
 from .entries import Signature
@@ -33,7 +34,7 @@ from .signatures import (
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
     *("internal_states", "internal_state_units", "inputs", "followers", "cut_laws", "regressor", "springs"),
-    *("element_rows", "matrices", "conditions", "modal_couplings", "readings", "stateful"),
+    *("element_rows", "matrices", "conditions", "flexible_links", "modal_couplings", "readings", "stateful"),
 )
 
 
@@ -94,6 +95,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "element_rows": element_rows(model),
         "matrices": matrices(model.parameters),
         "conditions": conditions(robot, model.parameters),
+        "flexible_links": list(bending_links(model.coordinates)),
         "modal_couplings": modal_couplings(model),
         "readings": reading_names(model),
         "stateful": [name for name, x in OWN_KERNELS.items() if x.states] if model.internal_states else (),

@@ -18,7 +18,7 @@ from eomgen.kernel.stepping.methods import ADAPTIVE
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Link, Robot, deflection_range
-from eomgen.runtime.singular import bent_too_far
+from eomgen.runtime.flexible_links import bent_too_far
 from tests.support.bending_mixtures import Mixture, answer, mixture
 from tests.support.bending_robots import bent
 from tests.support.builds import Build

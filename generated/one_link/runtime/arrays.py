@@ -350,11 +350,3 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
     odd = large // (large & -large)  # without the zeros at the end
     rounded = large[np.abs(odd) >= 2**bits]
     return int(rounded[0]) if rounded.size else None
-
-
-def shape_or_type(value: Any) -> str:
-    """Say what an argument is: its shape, or its type where it has none."""
-    try:
-        return f"shape {np.shape(value)}"
-    except ValueError:
-        return type(value).__name__

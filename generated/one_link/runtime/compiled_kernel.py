@@ -76,8 +76,7 @@ class CompiledKernel:
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
-        self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
+        self.parameters = Parameters(self.raw, again)
         arrays = Arrays(self.raw, self.coordinates, self.links)
         self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
         self._binding = binding or ExtensionBinding()

@@ -22,18 +22,9 @@ from .arrays import (
     rows_of,
 )
 from .chunking import shared, states_at_once
-from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
 from .raw import Array, Method, RawFunction, RawKernel, name_of
-from .singular import (
-    NEARLY,
-    VANISHED,
-    bending_links,
-    bent_too_far,
-    null_coordinates,
-    scaled_eigenvalues,
-    singular_place,
-)
+from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
 
 SHARE = 256  # states that are worth a separate thread
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
@@ -171,6 +162,8 @@ class Calls:
                 q, indices = rows_of(q, (self.n,), lead), np.unravel_index(state, lead)
                 where = place_of([int(i) for i in indices[: len(indices) - inner]])
             if reason >= self.n:
+                from .loop_errors import loop_error
+
                 rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
                 alone = [x[state] if x.ndim == 2 else x for x in rows]
                 arguments = dict(zip(function.reads, alone, strict=True))
@@ -335,7 +328,7 @@ class Calls:
     def why_singular(self, coordinate: int, place: str, q: Array | None = None) -> str:
         """Return what ``singular`` says, without the function's name."""
         where, reason = self.coordinates[coordinate], ELIMINATED
-        if bending := bending_links(self.coordinates):
+        if bending := self.raw.libraries.meta.get("flexible_links"):
             reason += f", or links that bend ({', '.join(bending)}) bend too far for their modes"
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
@@ -352,6 +345,10 @@ class Calls:
 
     def bent_too_far(self, q: Array) -> str | None:
         """Say which links bend so far at q, (n,), that the mass matrix is not positive definite; None if none does."""
+        if not self.raw.libraries.meta.get("flexible_links"):
+            return None
+        from .flexible_links import bent_too_far
+
         limit = VANISHED if self.dtype == np.float64 else NEARLY
         return bent_too_far(self.moving_mass, q, self.coordinates, limit)
 
@@ -363,6 +360,8 @@ class Calls:
             return None
         if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
             return None
+        from .loop_errors import singular_loop
+
         here = np.asarray(q, dtype=np.float64)
         states = np.stack([here, here + np.linspace(0.3, 0.7, self.n)]).astype(self.dtype)
         return singular_loop(self.raw, *self.run(rows, None, (states,)))

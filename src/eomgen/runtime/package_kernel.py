@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 from .compiled_kernel import CompiledKernel
-from .many_steps import rollout
-from .rollouts import Control, FixedSteps, Inputs, Rollout, joined_inputs, taken_apart
+from .raw import ROLLOUT
+
+if TYPE_CHECKING:
+    from .rollouts import Rollout
 
 
 class PackageKernel(CompiledKernel):
@@ -72,6 +74,15 @@ class PackageKernel(CompiledKernel):
             UnknownNameError: the package was written without rollouts.
             SingularError, IntegrationStopped, InputError: as of ``eomgen.Kernel.rollout``.
         """
-        taken = FixedSteps(method, dt, steps, every)
-        inputs = joined_inputs(self.calls, z, Inputs(q0, v0, u, Control(kp, kd, target)))
-        return taken_apart(self.calls, lambda: rollout(self.calls, inputs, taken))
+        self.raw.function(ROLLOUT)  # or the error that it is not there
+        from .many_steps import rollout
+        from .rollouts import Control, FixedSteps, Inputs
+
+        options, inputs = FixedSteps(method, dt, steps, every), Inputs(q0, v0, u, Control(kp, kd, target))
+        if not self.internal_states:
+            self.calls.refuse_z(z)
+            return rollout(self.calls, inputs, options)
+        from .internal_states import joined_inputs, taken_apart
+
+        joined = joined_inputs(self.calls, z, inputs)
+        return taken_apart(self.calls, lambda: rollout(self.calls, joined, options))
