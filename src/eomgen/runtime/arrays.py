@@ -116,7 +116,7 @@ class Arrays:
         """
         if is_finite(array):
             return
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
         name = self.names(label)[where[-1]] if self.is_by_name(label) else ""
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
@@ -129,7 +129,7 @@ class Arrays:
         Args:
             arguments: label and array of each; of a batch the rows of states, or the state that stands for all.
         """
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
+        where = tuple(np.argwhere(~np.isfinite(result))[0].tolist())
         lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
         state = int(np.ravel_multi_index(lead, result.shape[: len(lead)])) if lead else 0
         named = len(inner) - coordinate_axes(function.writes)

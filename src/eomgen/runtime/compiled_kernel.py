@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
-from .bound import DECLARED, BoundFunctions
 from .calls import Calls
-from .direct import ExtensionBinding
+from .direct import BoundFunctions, ExtensionBinding
 from .parameters import Parameters
 from .raw import Array, Libraries, Operations, RawKernel, name_of
 from .wrenches import WrenchLike
@@ -25,7 +24,7 @@ class CompiledKernel:
 
     forward_dynamics: Any  # methods of classes derived from this one
     functions: Any
-    _kind_of_functions: Callable[[BoundFunctions], Any] | None = None  # class whose methods call functions
+    _kind_of_bound: type[BoundFunctions] = BoundFunctions
     _bound: BoundFunctions
 
     def __init__(
@@ -175,10 +174,8 @@ class CompiledKernel:
     def _take_calls(self, calls: Calls) -> None:
         """Let methods go through these calls, and through the extension module as soon as there is one."""
         self.calls, self.parameters = calls, calls.parameters
-        for name in vars(self).keys() & DECLARED.keys():  # functions of other calls
-            del vars(self)[name]
-        self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = self._bound if self._kind_of_functions is None else self._kind_of_functions(self._bound)
+        self._bound = self._kind_of_bound(calls, self._bound.direct if "_bound" in self.__dict__ else None)
+        self.functions = self._bound
         self._binding.take(self._bound)
 
     def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:

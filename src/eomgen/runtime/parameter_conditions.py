@@ -116,7 +116,7 @@ def _fades(numbers: Mapping[str, float]) -> bool:
 
 def conditions_of(meta: Mapping[str, Any], dtype: DTypeLike) -> dict[str, list[Matrix | Condition]]:
     """Return the conditions that a package's metadata has, by the names of their numbers."""
-    round_off = max(ROUND_OFF, ROUNDINGS * float(np.finfo(dtype).eps))  # type: ignore[arg-type]
+    round_off = max(ROUND_OFF, ROUNDINGS * float(np.finfo(dtype).eps))
     conditions: list[Matrix | Condition] = []
     for owner, coordinates in meta.get("matrices", {}).items():
         pairs = [(i, j) for i in range(len(coordinates)) for j in range(i, len(coordinates))]
