@@ -9,13 +9,13 @@ from typing import Any
 from eomgen._version import __version__
 from eomgen.identifiers import parameter_path
 from eomgen.names import component_name, joint_of
+from eomgen.robot.coordinates import is_mode
 from eomgen.robot.internal_states.drives import input_of
 from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
 from eomgen.robot.model import Model, movable_limits
 from eomgen.robot.parameter_names import conditions, element_places, leasts, matrices
 from eomgen.robot.value import MOTOR, Coupling, Loop
-from eomgen.runtime.flexible_links import bending_links
 
 from ..tree.regressor import described_values, regressor_names
 from .entries import Signature
@@ -95,7 +95,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "element_rows": element_rows(model),
         "matrices": matrices(model.parameters),
         "conditions": conditions(robot, model.parameters),
-        "flexible_links": list(bending_links(model.coordinates)),
+        "flexible_links": list(dict.fromkeys(joint_of(name) for name in model.coordinates if is_mode(name))),
         "modal_couplings": modal_couplings(model),
         "readings": reading_names(model),
         "stateful": [name for name, x in OWN_KERNELS.items() if x.states] if model.internal_states else (),

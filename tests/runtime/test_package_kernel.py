@@ -122,7 +122,7 @@ def test_files_of_a_package_are_few(tmp_path: Path) -> None:
     """Neither derivatives nor adaptive steps, inverse kinematics or loops that are assembled are carried."""
     package = eomgen.generate("one_link", tmp_path, Options(flags=("-O0",), levels=(BASE,)))
     carried = {path.relative_to(package).as_posix() for path in package.rglob("*.py")}
-    assert {"runtime/calls.py", "runtime/many_steps.py", "runtime/package_kernel.py"} < carried
-    assert len(carried) == 18
+    assert {"runtime/calls.py", "runtime/many_steps.py", "runtime/compiled_kernel.py"} < carried
+    assert len(carried) == 16
     files = [path for path in package.rglob("*") if path.suffix in (".py", ".c", ".h", ".json")]
     assert sum(path.read_text(encoding="ascii").count("\n") for path in files) <= 7500

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from ..errors import ArrayError, InputError, SingularError
 from ..names import listed, split_component
 from .arrays import (
-    DERIVATIVE,
     Arrays,
     Lead,
     is_finite,
@@ -43,6 +42,7 @@ class Calls:
         coordinates: their names.
         internal_states: names of the internal states of force laws.
         rates: number of what has a rate in motions: of coordinates, then of internal states.
+        vanished: scaled eigenvalues of mass matrices below it are zero.
         inputs: number of inputs of motions: of coordinates, then of forces beside drives with states.
         rate_names: names of what has a rate.
     """
@@ -52,6 +52,7 @@ class Calls:
     ) -> None:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
+        self.vanished = VANISHED if raw.dtype == np.float64 else NEARLY
         self.internal_states: tuple[str, ...] = tuple(raw.libraries.meta.get("internal_states", ()))
         self.rate_names = (*self.coordinates, *self.internal_states)
         self.rates, self.inputs = len(self.rate_names), self.n + len(raw.libraries.meta.get("inputs", ()))
@@ -206,10 +207,6 @@ class Calls:
         if given:
             raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
 
-    def takes_z(self, name: str) -> bool:
-        """Whether a function, or what it is a derivative of, takes z: its result depends on internal states."""
-        return DERIVATIVE.sub("", name) in self.raw.libraries.meta.get("stateful", ())
-
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
         """Return arguments as rows of states, and strides between states, in numbers: 0 where one stands for all."""
         rows, steps = [], []
@@ -334,11 +331,10 @@ class Calls:
             if (loop := self._singular_loop(q)) is not None:
                 return f"{self.raw.name}: {loop}{place}"
             M, names = self.moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
-            limit = VANISHED if self.dtype == np.float64 else NEARLY
             if (bent := self.bent_too_far(q)) is not None:
                 return f"the mass matrix cannot be inverted{place}: {bent}"
             if M is not None and np.isfinite(M).all():
-                where, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
+                where, reason = singular_place(null_coordinates(M, names, self.vanished), q, self.coordinates)
             elif singular_place((where,), q, self.coordinates)[0] != where:
                 where, reason = singular_place((where,), q, self.coordinates)
         return f"the mass matrix cannot be inverted at {where}{place}; {reason}"
@@ -349,16 +345,13 @@ class Calls:
             return None
         from .flexible_links import bent_too_far
 
-        limit = VANISHED if self.dtype == np.float64 else NEARLY
-        return bent_too_far(self.moving_mass, q, self.coordinates, limit)
+        return bent_too_far(self.moving_mass, q, self.coordinates, self.vanished)
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
         M = self.moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
         rows = self.raw.diagnoses.get("gap_rows")
-        if M is None or rows is None or not np.isfinite(M).all():
-            return None
-        if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
+        if M is None or rows is None or not np.isfinite(M).all() or scaled_eigenvalues(M)[0][0] <= self.vanished:
             return None
         from .loop_errors import singular_loop
 

@@ -200,12 +200,9 @@ class _Run:
             if not in_place:
                 sizes = [(count, rows + 1, x.shape[-1]) for x in self.stored]
                 ends = [x[: math.prod(size)].reshape(size) for x, size in zip(room, sizes, strict=True)]
-            before = turned.copy()
+            for x in () if in_place else ends:
+                x.fill(np.nan)  # until it is reached
             failed = self._call((first, last), (begin, end), apart, at, ends, turned)
-            if failed >= 0 and not in_place:  # once more, to know what was reached
-                for x in ends:
-                    x.fill(np.nan)
-                self._call((first, last), (begin, end), apart, at, ends, before)
             if not in_place:
                 for whole, chunk in zip(self.stored, ends, strict=True):
                     whole[first:last, row + (begin > 0) : row + kept + 1] = chunk[:, int(begin > 0) : kept + 1]

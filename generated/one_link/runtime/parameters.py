@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
@@ -10,8 +11,58 @@ import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
-from .direct import State
-from .raw import RawKernel, Setup
+from .raw import Array, RawKernel, Setup
+
+
+class State:
+    """Parameters and choices that a kernel's calls take; the extension module has the same in C.
+
+    Attributes:
+        values: of the parameters, and behind them how joints are turned; replaced as a whole and never written to.
+    """
+
+    def __init__(
+        self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
+    ) -> None:
+        """Keep values, and what makes ``setup`` of them."""
+        self.values, self.checks, self.threads = values, checks, threads
+        self._make, self._lock = make, threading.Lock()
+        self._setup: Setup | None = None
+        self._successor: State | None = None
+
+    @property
+    def setup(self) -> Setup:
+        """The values as functions of C read them: the same object until an assignment."""
+        setup = self._setup
+        if setup is not None:
+            return setup
+        with self._lock:
+            self._setup = self._setup or self._make(self.values)
+            return self._setup
+
+    def assign(self, *pairs: float) -> None:
+        """Replace the values by others that differ in some slots, at once: slot, number, slot, number, ..."""
+        with self._lock:  # assignments of other threads are kept
+            if self._successor is not None:
+                self._successor.assign(*pairs)
+                return
+            values = self.values.copy()
+            values[list(map(int, pairs[::2]))] = pairs[1::2]
+            self.values, self._setup = values, None
+
+    def moved_to(self, kind: Callable[..., State]) -> State:
+        """Return a state of another type in its place, which gets the assignments that come here later."""
+        with self._lock:
+            if self._successor is None:
+                self._successor = kind(self.values, self._make, self.checks, self.threads)
+            return self._successor
+
+    def copy(self) -> State:
+        """Return a state with the same values, checks and threads; neither sees what becomes of the other."""
+        with self._lock:
+            other = State(self.values, self._make, self.checks, self.threads)
+            other._setup = self._setup
+            return other
 
 
 class Parameters(MutableMapping[str, float]):

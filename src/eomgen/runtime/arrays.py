@@ -36,8 +36,6 @@ WITH_STATES = {"rate_vector": 1, "derivatives": 2}  # of these axes those behind
 OF_STATES = re.compile(r"^d?z\d?$")  # arguments that are internal states, their rates or time derivatives
 BESIDE_DRIVES = re.compile(r"^d?forces\d?$")  # arguments that are forces beside drives with states
 
-DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
-DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
 OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with time derivatives
 
 
