@@ -16,7 +16,7 @@ from ...runtime.bound import frame_number
 from ...runtime.calls import Calls
 from ...runtime.raw import Array, Method, name_of
 from ..functions import KernelWithMethods
-from ..parameter_slots import parameter_slots
+from ..slots import parameter_slots
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"

@@ -20,7 +20,7 @@ from ...runtime.many_steps import rollout
 from ...runtime.raw import FFI, Array, Library, RawFunction
 from ...runtime.rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
 from ..kernel_methods import KernelMethods
-from ..parameter_slots import parameter_slots
+from ..slots import parameter_slots
 from .adaptive import DONE, adaptive_rollout
 from .input_signals import BACK, Slopes
 from .input_slopes import DifferentiatedInputs

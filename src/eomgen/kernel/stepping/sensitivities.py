@@ -13,7 +13,7 @@ from ...runtime.calls import Calls
 from ...runtime.internal_states import wrong_state
 from ...runtime.raw import FFI, Array
 from ...runtime.rollouts import Inputs, allocate_states, shape_of
-from ..parameter_slots import parameter_slots
+from ..slots import parameter_slots
 from .gradients import Motion, Steps, stopped, taken_steps
 from .input_signals import ALONG
 from .input_slopes import DifferentiatedInputs
