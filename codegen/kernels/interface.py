@@ -9,6 +9,7 @@ from typing import Any
 from eomgen._version import __version__
 from eomgen.identifiers import parameter_path
 from eomgen.names import component_name, joint_of
+from eomgen.robot.coordinates import is_mode
 from eomgen.robot.internal_states.drives import input_of
 from eomgen.robot.joint_types import JOINT_TYPES
 from eomgen.robot.mechanism import coordinate_of, effort_of, leading_home
@@ -33,7 +34,7 @@ from .signatures import (
 IF_ANY = (  # entries of the metadata that are there only where there is something to tell
     *("motors", "efforts", "ranges", "home", "frame_links", "turning", "loops", "upright", "constraints", "couplings"),
     *("internal_states", "internal_state_units", "inputs", "followers", "cut_laws", "regressor", "springs"),
-    *("element_rows", "matrices", "conditions", "modal_couplings", "readings", "stateful"),
+    *("element_rows", "matrices", "conditions", "flexible_links", "modal_couplings", "readings", "stateful"),
 )
 
 
@@ -94,6 +95,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "element_rows": element_rows(model),
         "matrices": matrices(model.parameters),
         "conditions": conditions(robot, model.parameters),
+        "flexible_links": list(dict.fromkeys(joint_of(name) for name in model.coordinates if is_mode(name))),
         "modal_couplings": modal_couplings(model),
         "readings": reading_names(model),
         "stateful": [name for name, x in OWN_KERNELS.items() if x.states] if model.internal_states else (),

@@ -45,6 +45,15 @@ LONG = 1500  # values of a program; compilers that look for vectors in so many l
 NO_VECTORS = "-fno-tree-slp-vectorize"
 # Files of eomgen that are copied to their places in a package, beside those of the C library that its C includes
 CARRIED = ("errors.py", "names.py", "runtime/*.py")
+# Those that only some robots need: a package has one where its metadata has one of these entries, or a kernel so named
+CARRIED_WITH = {
+    "runtime/flexible_links.py": ("flexible_links",),
+    "runtime/internal_states.py": ("internal_states",),
+    "runtime/loop_errors.py": ("constraints",),
+    "runtime/many_steps.py": ("rollout",),
+    "runtime/parameter_conditions.py": ("matrices", "conditions"),
+    "runtime/rollouts.py": ("rollout",),
+}
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
@@ -206,15 +215,23 @@ def key_of(parts: Mapping[str, Any]) -> str:
 
 @cache
 def carried_files() -> dict[str, Path]:
-    """Return files of eomgen that a package has byte-identical copies of, by their places in it, sorted."""
+    """Return files of eomgen that packages have byte-identical copies of, by their places in them, sorted."""
     root = _root()
     return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
 
 
-def carried_contents(*codes: str) -> dict[str, bytes]:
-    """Return the content of ``carried_files`` and of what a package's C includes of the C library, by their places."""
+def carried_contents(meta: Mapping[str, Any], *codes: str) -> dict[str, bytes]:
+    """Return the content of the ``carried_files`` that a package needs, and of the C library's that its C includes.
+
+    Args:
+        meta: the package's metadata.
+        codes: its C.
+    """
+    there = {*(entry for entry, value in meta.items() if value), *meta["kernels"]}
+    unneeded = {place for place, entries in CARRIED_WITH.items() if there.isdisjoint(entries)}
+    needed = {place: path for place, path in carried_files().items() if place not in unneeded}
     library = {place: text.encode("ascii") for place, text in included_files(*codes).items()}
-    return {place: path.read_bytes() for place, path in carried_files().items()} | library
+    return {place: path.read_bytes() for place, path in needed.items()} | library
 
 
 def _root() -> Path:

@@ -17,7 +17,9 @@ from .runtime.levels import binary_folders as _binary_folders
 __path__[:0] = _binary_folders(_Path(__file__).parent, "v1")  # of the best level that runs here
 
 from ._one_link import ffi as _ffi, lib as _lib
-from .runtime import OneLibrary, PackageKernel, packaged
+from .runtime.compiled_kernel import PackageKernel
+from .runtime.direct import packaged
+from .runtime.raw import Libraries
 
 
 def _read(name: str) -> str:
@@ -30,7 +32,7 @@ _META = _json.loads(_read("one_link.json"))
 
 def load() -> PackageKernel:
     """Return a kernel with separate parameters, at the description's values."""
-    return PackageKernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()), _FACE)
+    return PackageKernel(Libraries(_ffi, _lib, _META, _read), (load, ()), _FACE)
 
 
 kernel = load()

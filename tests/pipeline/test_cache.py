@@ -603,7 +603,7 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source, package: Pa
     assert parts["interface"] == compiling.interface()
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
     assert parts["carried"] == {name: sha256(package / name) for name in compiling.carried_files()}
-    assert {"errors.py", "names.py", "runtime/package_kernel.py"} < set(parts["carried"])
+    assert {"errors.py", "names.py", "runtime/compiled_kernel.py"} < set(parts["carried"])
     assert parts["library"] == {name: sha256(package / name) for name in library_files()}
     assert {"clib/lanes.h", "clib/fixed_steps.h"} < set(parts["library"])
     made = {name: Path(compiling.__file__).with_name(name) for name in ("compile.py", "library.py")}

@@ -214,7 +214,7 @@ def test_the_facade_shows_what_it_has() -> None:
         eomgen.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("package", ["", "runtime", *SUBPACKAGES])
+@pytest.mark.parametrize("package", ["", *SUBPACKAGES])
 def test_tab_completes_public_names_alone(package: str) -> None:
     """No module or helper that a package imports for itself, however many of them are imported by now."""
     module = importlib.import_module(f"eomgen.{package}".rstrip("."))

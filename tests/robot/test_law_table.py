@@ -29,7 +29,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
-from eomgen.runtime.many_steps import BOUNDS
+from eomgen.runtime.internal_states import BOUNDS
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
 from tests.support.bristles import servo_arm, stateful_arm, stateful_linkage
 from tests.support.random_robots import random_robot

@@ -18,7 +18,7 @@ from eomgen.kernel.stepping.methods import ADAPTIVE
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Link, Robot, deflection_range
-from eomgen.runtime.singular import bent_too_far
+from eomgen.runtime.flexible_links import bent_too_far
 from tests.support.bending_mixtures import Mixture, answer, mixture
 from tests.support.bending_robots import bent
 from tests.support.builds import Build
@@ -93,7 +93,7 @@ def test_batches_and_float32(seed: int, built: Build) -> None:
         more = {"cut": True} if mixed.robot.loops and name in OF_TREE else {}
         call, rough = (partial(method_of(x, name), **more) for x in (kernel, single))
         arrays = [of[label] for label in reads]
-        z = {"z": of["z"]} if kernel.internal_states and kernel.calls.takes_z(name) else {}
+        z = {"z": of["z"]} if name in kernel.raw.libraries.meta.get("stateful", ()) else {}
         together = call(*arrays, **z)
         alone = [call(*(x[i] for x in arrays), **{key: x[i] for key, x in z.items()}) for i in range(STATES)]
         assert np.array_equal(together, alone), name

@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.errors import IntegrationStopped, SingularError
 from eomgen.runtime import many_steps
-from eomgen.runtime.raw import STAGES, OneLibrary
+from eomgen.runtime.raw import STAGES, Libraries
 from tests.support.builds import Build
 from tests.support.refusals import refused
 from tests.support.soak import soaked
@@ -61,7 +61,7 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
     own = kernel.raw.libraries.library("")
     of_stages = max(operations // STAGES, 1)
     counts = {name: {"mul": of_stages if name == "rollout" else operations} for name in own.meta["operations"]}
-    libraries = OneLibrary(own.ffi, own.lib, {**own.meta, "operations": counts})
+    libraries = Libraries(own.ffi, own.lib, {**own.meta, "operations": counts})
     library = libraries.library("")
     library.function = lambda name: watched(own.function(name))  # type: ignore[method-assign]
     other = eomgen.Kernel(libraries)

@@ -21,11 +21,11 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, SingularError
 from eomgen.kernel import Kernel
+from eomgen.kernel.declared_methods import DeclaredFunctions
 from eomgen.kernel.functions import Functions
+from eomgen.pipeline.direct_calls import LateBinding
 from eomgen.robot.value import Robot
-from eomgen.runtime.bound import BoundFunctions
 from eomgen.runtime.chunking import states_at_once
-from eomgen.runtime.direct import ExtensionBinding
 from tests.support.bending_mixtures import mixture
 from tests.support.bristled import bristled_arm, served_arm
 from tests.support.bristles import bristle_linkage
@@ -193,7 +193,7 @@ class Calls:
 def in_python(kernel: Kernel) -> Kernel:
     """Return the same kernel, with separate parameters, whose calls go through Python."""
     other = kernel.replaced()
-    other._bound = BoundFunctions(other.calls)
+    other._bound = DeclaredFunctions(other.calls)
     other.functions = Functions(other._bound)
     return other
 
@@ -495,7 +495,7 @@ def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
 
 def test_kernels_from_before_the_module(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"))
-    binding = ExtensionBinding(expected=True)
+    binding = LateBinding()
     early = Kernel(kernel.raw.libraries, None, binding)
     copied, method = early.replaced(parameters={"gravity.y": -3.0}), early.forward_dynamics
     early.checks, state = False, early.parameters.state
@@ -515,7 +515,7 @@ def test_kernels_from_before_the_module(built: Build) -> None:
     never = Kernel(kernel.raw.libraries)
     assert not never.functions.is_direct
     assert np.array_equal(never.forward_dynamics(Q, V, U), late.forward_dynamics(Q, V, U))
-    binding = ExtensionBinding(expected=True)
+    binding = LateBinding()
     unlucky = Kernel(kernel.raw.libraries, None, binding)
     binding.settle(None)
     assert not unlucky.functions.is_direct

@@ -21,8 +21,8 @@ from eomgen.loops import closed_equilibrium
 from eomgen.pipeline.options import Options
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Frame, Placement
+from eomgen.runtime.bound import wrench_rows
 from eomgen.runtime.levels import BASE
-from eomgen.runtime.wrenches import wrench_rows
 from eomgen.state import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.unpruned import brute_force

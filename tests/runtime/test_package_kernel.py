@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pickle
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.package.compile import CARRIED_WITH, carried_files
 from eomgen.description.load import robot_from_toml
 from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
@@ -21,6 +23,11 @@ from tests.support.sliders import on_rail
 LAW = 'friction = { model = "lugre", coulomb = 1.0, bristle_stiffness = 1e3 }'  # with a state
 ROBOTS = {"link": eomgen.load_robot("one_link"), "bars": eomgen.load_robot("four_bar")}
 ROBOTS["rail"] = robot_from_toml(on_rail(LAW))
+SPECIAL = {
+    "link": set[str](),
+    "bars": {"loop_errors"},
+    "rail": {"internal_states", "parameter_conditions"},
+}  # modules that they need
 
 
 @pytest.fixture(scope="module", params=list(ROBOTS))
@@ -81,6 +88,14 @@ def test_rollouts_are_those_of_eomgens_kernel(kernels: tuple[Any, eomgen.Kernel]
         small.rollout(q, np.full(small.n, 1e200), dt=1.0, steps=3)
 
 
+def test_packages_carry_modules_for_what_their_robots_have(kernels: tuple[Any, eomgen.Kernel]) -> None:
+    small, _ = kernels
+    assert CARRIED_WITH.keys() < carried_files().keys()
+    root = Path(str(sys.modules[small.name].__file__)).parent
+    special = {Path(place).stem for place in CARRIED_WITH if (root / place).exists()}
+    assert special == {"many_steps", "rollouts"} | SPECIAL[small.name.removeprefix("packaged_")]
+
+
 def test_what_a_package_has_not_is_no_attribute(kernels: tuple[Any, eomgen.Kernel]) -> None:
     small, _ = kernels
     for name in ("jvp", "inverse_kinematics", "rollout_gradient", "christoffel", "assemble"):
@@ -107,7 +122,7 @@ def test_files_of_a_package_are_few(tmp_path: Path) -> None:
     """Neither derivatives nor adaptive steps, inverse kinematics or loops that are assembled are carried."""
     package = eomgen.generate("one_link", tmp_path, Options(flags=("-O0",), levels=(BASE,)))
     carried = {path.relative_to(package).as_posix() for path in package.rglob("*.py")}
-    assert {"runtime/calls.py", "runtime/many_steps.py", "runtime/package_kernel.py"} < carried
-    assert len(carried) == 19
+    assert {"runtime/calls.py", "runtime/many_steps.py", "runtime/compiled_kernel.py"} < carried
+    assert len(carried) == 16
     files = [path for path in package.rglob("*") if path.suffix in (".py", ".c", ".h", ".json")]
     assert sum(path.read_text(encoding="ascii").count("\n") for path in files) <= 7500

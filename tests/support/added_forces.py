@@ -76,7 +76,7 @@ def check_batches(kernel: eomgen.Kernel, states: Sequence[State], **counts: int)
     """Compare functions of several states at once with those of one at a time; they read as many of q, v and a."""
     arrays, z = stacked(states, "qva"), np.array([s.z for s in states])
     for name, count in counts.items():
-        call, apart = method_of(kernel, name), kernel.internal_states and kernel.calls.takes_z(name)
+        call, apart = method_of(kernel, name), name in kernel.raw.libraries.meta.get("stateful", ())
         rows = zip(zip(*arrays[:count], strict=True), z, strict=True)
         one = np.array([call(*state, **({"z": x} if apart else {})) for state, x in rows])
         assert close(np.asarray(call(*arrays[:count], **({"z": z} if apart else {}))), one, 1e-12)

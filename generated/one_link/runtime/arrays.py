@@ -36,8 +36,6 @@ WITH_STATES = {"rate_vector": 1, "derivatives": 2}  # of these axes those behind
 OF_STATES = re.compile(r"^d?z\d?$")  # arguments that are internal states, their rates or time derivatives
 BESIDE_DRIVES = re.compile(r"^d?forces\d?$")  # arguments that are forces beside drives with states
 
-DERIVATIVE = re.compile(r"(_parameter)?_(tangent|adjoint|hessian|jet\d)$")
-DERIVED = re.compile(r"_(tangent|adjoint|hessian|jet\d)$")
 OF_ORDERS = re.compile(r"^jet\d_")  # begins names of results with time derivatives
 
 
@@ -116,7 +114,7 @@ class Arrays:
         """
         if is_finite(array):
             return
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
         name = self.names(label)[where[-1]] if self.is_by_name(label) else ""
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
@@ -129,7 +127,7 @@ class Arrays:
         Args:
             arguments: label and array of each; of a batch the rows of states, or the state that stands for all.
         """
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
+        where = tuple(np.argwhere(~np.isfinite(result))[0].tolist())
         lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
         state = int(np.ravel_multi_index(lead, result.shape[: len(lead)])) if lead else 0
         named = len(inner) - coordinate_axes(function.writes)
@@ -350,11 +348,3 @@ def _first_rounded(numbers: Array, bits: int) -> int | None:
     odd = large // (large & -large)  # without the zeros at the end
     rounded = large[np.abs(odd) >= 2**bits]
     return int(rounded[0]) if rounded.size else None
-
-
-def shape_or_type(value: Any) -> str:
-    """Say what an argument is: its shape, or its type where it has none."""
-    try:
-        return f"shape {np.shape(value)}"
-    except ValueError:
-        return type(value).__name__

@@ -1,66 +1,26 @@
-"""Functions of a kernel as its methods call them: with wrenches, with loops closed or cut, direct or checked."""
+"""Functions of a kernel as its methods call them: checked, with wrenches, with loops closed or cut."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial, update_wrapper
-from types import MethodType, ModuleType
-from typing import Any, TypeVar, cast
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import UnknownNameError
-from ..names import nearest_or_all, show
-from .arrays import flag, joint_lead
+from ..errors import ArrayError, UnknownNameError
+from ..names import listed, nearest_or_all, parameter_name, show
+from .arrays import flag, joint_lead, numbers_in
 from .calls import TREE, Calls
-from .direct import DirectFunctions
 from .parameters import kernel_of
 from .raw import Array, RawFunction, RawKernel
-from .wrenches import WrenchLike, wrench_rows
 
 FRAME, WRENCH, Z, CUT, OUT = "frame", "wrench", "z", "cut", "out"  # names of arguments
 PARTS = ("jet", "derivatives")  # kinds of functions, or of results, whose result is a tuple of arrays
-Declared = TypeVar("Declared", bound=Callable[..., Any])
-
-
-class KernelMethod:
-    """A method of a class: the function of its name in ``BoundFunctions``.
-
-    Those of the extension module become attributes of the object itself, so that the next call costs no look-up in
-    Python.  Signature and docstring are those of the function that it is made of, which does nothing.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        update_wrapper(self, function)
-        self.__func__ = function
-
-    def __get__(self, owner: Any, kind: type) -> Any:
-        if owner is None:
-            return self
-        name = self.__func__.__name__
-        bound = owner._bound[name]  # noqa: SLF001  (of the class that has the method)
-        if not isinstance(bound, CalledInPython) and getattr(type(owner), name) is self:  # not of a base class
-            vars(owner)[name] = bound
-        return bound
-
-    def __call__(self, owner: Any, *args: Any, **options: Any) -> Any:
-        """Call it as a function whose first argument is the kernel."""
-        return self.__get__(owner, type(owner))(*args, **options)
-
-
-DECLARED: dict[str, tuple[Callable[..., Any], str]] = {}  # functions that methods are made of, and their ``otherwise``
-
-
-def kernel_method(otherwise: str = "") -> Callable[[Declared], Declared]:
-    """Return the decorator of methods that call a function of C; ``otherwise`` as of ``CheckedFunction``."""
-
-    def declare(function: Declared) -> Declared:
-        DECLARED[function.__name__] = function, otherwise
-        return cast("Declared", KernelMethod(function))
-
-    return declare
+WrenchLike = ArrayLike | Mapping[str, ArrayLike]  # rows of links, (links, 6), or wrenches by frame or link
+ALLOWED = "six finite numbers, (6,) or (..., 6): force (N), then moment (N m)"
 
 
 @dataclass(frozen=True)
@@ -72,65 +32,54 @@ class CheckedFunction:
         labels: names of its arguments, arrays and options, in their order.
         positional: how many of them may be given without their names.
         axes: axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array.
-        declared: of a method the function with its signature and docstring, which does nothing.
-        otherwise: the argument that is the result where no drive has internal states.
     """
 
     name: str
     labels: tuple[str, ...]
     positional: int
     axes: int
-    declared: Callable[..., Any] | None = None
-    otherwise: str = ""
 
     @classmethod
     def of(cls, raw: RawKernel, name: str) -> CheckedFunction:
-        """Return the function of that name, which may be there for the open tree alone; a method may have none.
+        """Return the function of that name, which may be there for the open tree alone.
 
         Raises:
-            UnknownNameError: the kernel was built without it, and no method has its name.
+            UnknownNameError: the kernel was built without it.
         """
-        function = _function(raw, name)
-        in_parts = function is not None and not {function.kind, function.writes}.isdisjoint(PARTS)
-        axes = len(raw.shapes[function.writes]) if function is not None and in_parts else 0
-        if name in DECLARED:
-            declared, otherwise = DECLARED[name]
-            code = declared.__code__
-            labels = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-            return cls(name, labels, code.co_argcount - 1, axes, declared, otherwise)
+        function = function_of(raw, name)
         if function is None:
             raise raw.missing(name)
         options = (*((FRAME,) if function.is_framed else ()), *sorted(function.takes, key=lambda x: x != Z))
         labels = (*function.arguments, *options, *((CUT,) if name not in raw.functions else ()), OUT)
-        return cls(name, labels, len(labels), axes)
+        return cls(name, labels, len(labels), axes_of_parts(raw, function))
 
     def __call__(self, calls: Calls, /, *args: Any, **options: Any) -> Any:
         """Call it with a kernel's ``Calls``, arrays and options."""
-        if self.declared is not None:
-            self.declared(calls, *args, **options)  # raises the TypeError of a wrong call
-        given = dict(zip(self.labels, args, strict=False)) | options
-        function = _function(calls.raw, self.name)
-        if self.otherwise and not calls.arrays.has_drives:
-            return _argument(calls, self.otherwise, given)
+        function = function_of(calls.raw, self.name)
         if function is None:
             raise calls.raw.missing(self.name)
+        given = dict(zip(self.labels, args, strict=False)) | options
         result = evaluate(calls, self.name, [given.pop(x) for x in function.arguments], **given)
         return tuple(np.moveaxis(result, -self.axes, 0)) if self.axes else result
 
 
-def _function(raw: RawKernel, name: str) -> RawFunction | None:
+def axes_of_parts(raw: RawKernel, function: RawFunction | None) -> int:
+    """Return the axes of each array of a function's result, see ``CheckedFunction``; 0 without a function."""
+    in_parts = function is not None and not {function.kind, function.writes}.isdisjoint(PARTS)
+    return len(raw.shapes[function.writes]) if function is not None and in_parts else 0
+
+
+def function_of(raw: RawKernel, name: str) -> RawFunction | None:
     """Return the function of that name, which may be there for the open tree alone; None where there is none."""
     return raw.functions.get(name) or raw.functions.get(f"{TREE}{name}")
 
 
 class CalledInPython(partial[Any]):
-    """A ``CheckedFunction`` for a kernel's calls; it shows what the kernel's method of its name shows."""
+    """A ``CheckedFunction`` for a kernel's calls."""
 
     def __init__(self, checked: CheckedFunction, calls: Calls) -> None:
         self.checked = checked
         self.__name__ = checked.name
-        if checked.declared is not None:
-            update_wrapper(self, MethodType(checked.declared, calls))
 
     def __repr__(self) -> str:
         return f"<{self.checked.name} of {self.args[0].raw.name}>"
@@ -149,85 +98,6 @@ def _method_again(name: str, threads: int, checks: bool, made: tuple[Any, ...]) 
     kernel = kernel_of(*made)
     kernel.threads, kernel.checks = threads, checks
     return getattr(kernel if hasattr(type(kernel), name) else kernel.functions, name)
-
-
-def _argument(calls: Calls, name: str, given: Mapping[str, Any]) -> Array:
-    """Return an argument by coordinate as a function would that reads all that are given, which are checked."""
-    calls.refuse_z(given.get(Z))
-    lead: tuple[int, ...] = ()
-    arrays = {}
-    for label in (x for x in given if x not in (Z, OUT)):
-        arrays[label], own = calls.array(label, given[label], (calls.n,))
-        lead = joint_lead(label, own, lead)
-    return calls.arrays.written(np.array(np.broadcast_to(arrays[name], (*lead, calls.n))), given.get(OUT))
-
-
-class BoundFunctions:
-    """Functions as attributes and by their names.
-
-    Each is made when it is first looked up; from then on it is an attribute like others.
-
-    Attributes:
-        direct: functions of the extension module, or None before the first binding.
-        is_direct: True if plain calls go through it.
-    """
-
-    def __init__(self, calls: Calls, direct: DirectFunctions | None = None) -> None:
-        """Take a kernel's calls, and the functions of the extension module where its code was bound before."""
-        self.calls, self.direct, self.is_direct = calls, direct, False
-
-    def __getattr__(self, name: str) -> Callable[..., Array]:
-        if name.startswith("__"):  # as copy and pickle ask for
-            raise AttributeError(name)
-        checked = CheckedFunction.of(self.calls.raw, name)
-        bound: Callable[..., Array] = CalledInPython(checked, self.calls)
-        if self.direct is not None and self.is_direct and name in self.calls.raw.functions:
-            bound = self.direct.bound(checked, bound, self.calls.parameters.state)
-        setattr(self, name, bound)
-        return bound
-
-    def __getitem__(self, name: str) -> Callable[..., Array]:
-        bound: Callable[..., Array] = getattr(self, name)
-        return bound
-
-    def has(self, name: str) -> bool:
-        """Whether there is a function of that name, which may be there for the open tree alone."""
-        return _function(self.calls.raw, name) is not None
-
-    def names(self) -> list[str]:
-        """List the names of functions, without those of the open tree."""
-        return [name for name in self.calls.raw.functions if not name.startswith(TREE)]
-
-    def bind(self, module: ModuleType) -> None:
-        """Let plain calls go through an extension module."""
-        if self.direct is None or self.direct.module is not module:
-            self.direct = DirectFunctions(module, self.calls.raw)
-        parameters = self.calls.parameters
-        if not isinstance(parameters.state, module.State):
-            parameters.state = parameters.state.moved_to(module.State)
-        self.is_direct = True
-        for name in self.calls.raw.functions:
-            vars(self).pop(name, None)
-
-
-class MethodsOfFunctions:
-    """Base of classes whose methods are functions of a kernel.
-
-    Attributes:
-        is_direct: True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its
-            shapes.  They go to the C without checks in Python.  All others, and all errors, are those of the calls in
-            Python, so that nothing but their time depends on it.  It is False where Python's or NumPy's headers were
-            missing.
-    """
-
-    def __init__(self, bound: BoundFunctions) -> None:
-        """Take a kernel's functions."""
-        self._bound = bound
-
-    @property
-    def is_direct(self) -> bool:
-        """Whether plain calls go through an extension module."""
-        return self._bound.is_direct
 
 
 def evaluate(
@@ -289,3 +159,82 @@ def frame_number(frames: Sequence[str], name: str | None) -> int:
     if not isinstance(name, str) or name not in frames:
         raise UnknownNameError(f"frame: {show(name)} is unknown{nearest_or_all(str(name), frames)}")
     return frames.index(name)
+
+
+class Place(NamedTuple):
+    """Place of a wrench: the link's row, its number among the frames, and the arm from its centre of mass, (3,), m.
+
+    The arm is in the link's axes; None is at the centre of mass.
+    """
+
+    link: int
+    frame: int
+    arm: Array | None
+
+
+def wrench_rows(calls: Calls, q: ArrayLike, wrench: WrenchLike | None) -> ArrayLike | None:
+    """Return rows of links, (..., links, 6), about centres of mass in the base frame; what is no mapping as it came.
+
+    Args:
+        calls: of a kernel with kinematics, where wrenches are at frames.
+        q: (n,) or (..., n).
+        wrench: by name, (6,) or (..., 6), base frame: at a frame's origin, or about a link's centre of mass.
+
+    Raises:
+        UnknownNameError: a name is none of a frame or link that moves.
+        ArrayError: a wrench is not six finite numbers, or does not go together with q.
+    """
+    if not isinstance(wrench, Mapping):
+        return wrench
+    values = {name: (place_of_wrench(calls, name), wrench_numbers(calls, name, x)) for name, x in wrench.items()}
+    states, lead = calls.array("q", q, (calls.n,))
+    for name, (_, numbers) in values.items():
+        lead = joint_lead(f"wrench: {name}", numbers.shape[:-1], lead)
+    rows = np.zeros((*lead, len(calls.raw.libraries.meta["links"]), 6), calls.dtype)
+    for place, numbers in values.values():
+        rows[..., place.link, :] += numbers
+        if place.arm is not None:
+            R_0k = calls.run(calls.raw.writing("pose").name, None, (states,), (place.frame,))[..., :3, :3]
+            rows[..., place.link, 3:] += np.cross(R_0k @ place.arm, numbers[..., :3])
+    return rows
+
+
+def place_of_wrench(calls: Calls, name: str) -> Place:
+    """Return the place of a wrench by name; UnknownNameError where there is nothing that moves."""
+    meta = calls.raw.libraries.meta
+    links, frames = list(meta["links"]), list(meta["frames"])
+    carriers: Mapping[str, str] = meta.get("frame_links", {})
+    known = [*(frame for frame, link in carriers.items() if link in links), *links]
+    if name not in known:
+        if name in frames:
+            raise UnknownNameError(f"wrench: {show(name)} does not move; allowed: {listed(known)}")
+        raise UnknownNameError(f"wrench: {show(name)} is unknown{nearest_or_all(str(name), known)}")
+    if name not in carriers:
+        return Place(links.index(name), frames.index(name), None)
+    link = carriers[name]
+    if link in carriers or name in links:
+        both = link if link in carriers else name
+        raise UnknownNameError(
+            f"wrench: {show(name)}: {show(both)} names a frame and a link; allowed: another name for the frame, or an"
+            f" array of shape ({len(links)}, 6)"
+        )
+    zero = np.zeros(calls.n, calls.dtype)
+    T_0f, T_0k = (calls.run(calls.raw.writing("pose").name, None, (zero,), (frames.index(x),)) for x in (name, link))
+    arm = T_0k[:3, :3].T @ (T_0f[:3, 3] - T_0k[:3, 3]) - _centre_of_mass(calls, link)
+    return Place(links.index(link), frames.index(link), np.asarray(arm, calls.dtype))
+
+
+def _centre_of_mass(calls: Calls, link: str) -> Array:
+    """Return a link's centre of mass in its axes, (3,), m, with the parameters of now."""
+    described = calls.raw.libraries.meta["coms"][link]
+    names = [parameter_name("links", link, "com", axis) for axis in "xyz"]
+    return np.array([calls.parameters.get(name, x) for name, x in zip(names, described, strict=True)], calls.dtype)
+
+
+def wrench_numbers(calls: Calls, name: str, value: Any) -> Array:
+    """Return a wrench as an array of the kernel's dtype, (6,) or (..., 6)."""
+    numbers = numbers_in(f"wrench: {name}", value, ALLOWED, finite=calls.checks)
+    if not numbers.ndim or numbers.shape[-1] != 6:
+        raise ArrayError(f"wrench: {name}: got {show(value)}; allowed: {ALLOWED}")
+    with np.errstate(over="ignore"):
+        return np.asarray(numbers, calls.dtype)

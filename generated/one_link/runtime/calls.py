@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from ..errors import ArrayError, InputError, SingularError
 from ..names import listed, split_component
 from .arrays import (
-    DERIVATIVE,
     Arrays,
     Lead,
     is_finite,
@@ -22,18 +21,9 @@ from .arrays import (
     rows_of,
 )
 from .chunking import shared, states_at_once
-from .loop_errors import loop_error, singular_loop
 from .parameters import Parameters
 from .raw import Array, Method, RawFunction, RawKernel, name_of
-from .singular import (
-    NEARLY,
-    VANISHED,
-    bending_links,
-    bent_too_far,
-    null_coordinates,
-    scaled_eigenvalues,
-    singular_place,
-)
+from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
 
 SHARE = 256  # states that are worth a separate thread
 POLE = 1e-7  # cosine of beta, below which alpha and gamma turn about one axis
@@ -52,6 +42,7 @@ class Calls:
         coordinates: their names.
         internal_states: names of the internal states of force laws.
         rates: number of what has a rate in motions: of coordinates, then of internal states.
+        vanished: scaled eigenvalues of mass matrices below it are zero.
         inputs: number of inputs of motions: of coordinates, then of forces beside drives with states.
         rate_names: names of what has a rate.
     """
@@ -61,6 +52,7 @@ class Calls:
     ) -> None:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
+        self.vanished = VANISHED if raw.dtype == np.float64 else NEARLY
         self.internal_states: tuple[str, ...] = tuple(raw.libraries.meta.get("internal_states", ()))
         self.rate_names = (*self.coordinates, *self.internal_states)
         self.rates, self.inputs = len(self.rate_names), self.n + len(raw.libraries.meta.get("inputs", ()))
@@ -171,6 +163,8 @@ class Calls:
                 q, indices = rows_of(q, (self.n,), lead), np.unravel_index(state, lead)
                 where = place_of([int(i) for i in indices[: len(indices) - inner]])
             if reason >= self.n:
+                from .loop_errors import loop_error
+
                 rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
                 alone = [x[state] if x.ndim == 2 else x for x in rows]
                 arguments = dict(zip(function.reads, alone, strict=True))
@@ -212,10 +206,6 @@ class Calls:
             given = 1
         if given:
             raise InputError(f"z: no force law of {self.raw.name} has internal states; allowed: a call without z")
-
-    def takes_z(self, name: str) -> bool:
-        """Whether a function, or what it is a derivative of, takes z: its result depends on internal states."""
-        return DERIVATIVE.sub("", name) in self.raw.libraries.meta.get("stateful", ())
 
     def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
         """Return arguments as rows of states, and strides between states, in numbers: 0 where one stands for all."""
@@ -335,34 +325,36 @@ class Calls:
     def why_singular(self, coordinate: int, place: str, q: Array | None = None) -> str:
         """Return what ``singular`` says, without the function's name."""
         where, reason = self.coordinates[coordinate], ELIMINATED
-        if bending := bending_links(self.coordinates):
+        if bending := self.raw.libraries.meta.get("flexible_links"):
             reason += f", or links that bend ({', '.join(bending)}) bend too far for their modes"
         if q is not None:
             if (loop := self._singular_loop(q)) is not None:
                 return f"{self.raw.name}: {loop}{place}"
             M, names = self.moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
-            limit = VANISHED if self.dtype == np.float64 else NEARLY
             if (bent := self.bent_too_far(q)) is not None:
                 return f"the mass matrix cannot be inverted{place}: {bent}"
             if M is not None and np.isfinite(M).all():
-                where, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
+                where, reason = singular_place(null_coordinates(M, names, self.vanished), q, self.coordinates)
             elif singular_place((where,), q, self.coordinates)[0] != where:
                 where, reason = singular_place((where,), q, self.coordinates)
         return f"the mass matrix cannot be inverted at {where}{place}; {reason}"
 
     def bent_too_far(self, q: Array) -> str | None:
         """Say which links bend so far at q, (n,), that the mass matrix is not positive definite; None if none does."""
-        limit = VANISHED if self.dtype == np.float64 else NEARLY
-        return bent_too_far(self.moving_mass, q, self.coordinates, limit)
+        if not self.raw.libraries.meta.get("flexible_links"):
+            return None
+        from .flexible_links import bent_too_far
+
+        return bent_too_far(self.moving_mass, q, self.coordinates, self.vanished)
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
         M = self.moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
         rows = self.raw.diagnoses.get("gap_rows")
-        if M is None or rows is None or not np.isfinite(M).all():
+        if M is None or rows is None or not np.isfinite(M).all() or scaled_eigenvalues(M)[0][0] <= self.vanished:
             return None
-        if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
-            return None
+        from .loop_errors import singular_loop
+
         here = np.asarray(q, dtype=np.float64)
         states = np.stack([here, here + np.linspace(0.3, 0.7, self.n)]).astype(self.dtype)
         return singular_loop(self.raw, *self.run(rows, None, (states,)))

@@ -1,10 +1,10 @@
-"""A kernel's compiled code: how kernels are made, copied and pickled, their parameters, threads and checks."""
+"""Kernels: how they are made, copied and pickled, parameters, threads and checks; that of a generated package."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..names import DriveInput, html_table, joint_of, show
 from .arrays import Arrays, inputs_of, names_in
-from .bound import DECLARED, BoundFunctions
+from .bound import WrenchLike
 from .calls import Calls
-from .direct import ExtensionBinding
+from .direct import BoundFunctions, ExtensionBinding
 from .parameters import Parameters
-from .raw import Array, Libraries, Operations, RawKernel, name_of
-from .wrenches import WrenchLike
+from .raw import ROLLOUT, Array, Libraries, RawKernel, name_of
+
+if TYPE_CHECKING:
+    from .rollouts import Rollout
 
 
 class CompiledKernel:
@@ -25,7 +27,7 @@ class CompiledKernel:
 
     forward_dynamics: Any  # methods of classes derived from this one
     functions: Any
-    _kind_of_functions: Callable[[BoundFunctions], Any] | None = None  # class whose methods call functions
+    _kind_of_bound: type[BoundFunctions] = BoundFunctions
     _bound: BoundFunctions
 
     def __init__(
@@ -71,13 +73,12 @@ class CompiledKernel:
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.actuated_coordinates: tuple[str, ...] = tuple(self.coordinates[i] for i in meta["driven"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
-        self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
+        self.operations: Mapping[str, Mapping[str, int]] = libraries.operations
         self._again, self._opener = again, opener
         self.efforts: dict[str, float] = dict(meta.get("efforts", {}))
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        ranges = {key: meta.get(key, other) for key, other in (("least", {}), ("matrices", {}), ("conditions", ()))}
-        self.parameters = Parameters.of(self.raw, meta["parameters"], **ranges, again=again)
+        self.parameters = Parameters(self.raw, again)
         arrays = Arrays(self.raw, self.coordinates, self.links)
         self.calls = Calls(self.raw, self.parameters, arrays, self.prescribed)
         self._binding = binding or ExtensionBinding()
@@ -176,10 +177,8 @@ class CompiledKernel:
     def _take_calls(self, calls: Calls) -> None:
         """Let methods go through these calls, and through the extension module as soon as there is one."""
         self.calls, self.parameters = calls, calls.parameters
-        for name in vars(self).keys() & DECLARED.keys():  # functions of other calls
-            del vars(self)[name]
-        self._bound = BoundFunctions(calls, self._bound.direct if "_bound" in self.__dict__ else None)
-        self.functions = self._bound if self._kind_of_functions is None else self._kind_of_functions(self._bound)
+        self._bound = self._kind_of_bound(calls, self._bound.direct if "_bound" in self.__dict__ else None)
+        self.functions = self._bound
         self._binding.take(self._bound)
 
     def internal_state_derivatives(self, q: ArrayLike, v: ArrayLike, z: ArrayLike, u: ArrayLike | None = None) -> Array:
@@ -267,3 +266,77 @@ class CompiledKernel:
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.parameters.state.checks = bool(wanted)
+
+
+class PackageKernel(CompiledKernel):
+    """Compiled equations of motion of one robot, as a generated package has them.
+
+    Functions of the C are methods: ``mass_matrix(q)``, ``forward_dynamics(q, v, u)``, ``frame_pose(q, frame)``; the
+    package's header says what they take and return.  Arrays are (n,) for one state or (..., n) for many; options are
+    ``wrench``, ``z``, ``cut`` and ``out`` where a function has them.  ``eomgen.Kernel`` has the same, and derivatives,
+    adaptive integration, inverse kinematics and loops beside them: ``eomgen.Kernel(kernel.raw.libraries)`` makes one.
+
+    Raises (all methods):
+        ArrayError: an array of wrong shape, with numbers that the dtype cannot hold exactly, or with NaN or infinity
+            (see ``checks``); or a result that is not finite.
+    """
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """Return the function of that name."""
+        bound = self.__dict__.get("_bound")
+        if bound is None or not bound.has(name):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        return bound[name]  # type: ignore[no-any-return]
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._bound.names()})
+
+    def rollout(  # noqa: PLR0913
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike | None = None,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        z: ArrayLike | None = None,
+    ) -> Rollout:
+        """Integrate in C over steps of one length, one state or many at a time; as ``eomgen.Kernel.rollout``.
+
+        Args:
+            q0, v0: states, (n,) or (N, n).
+            u: drives, N or N m, held over a step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
+                (1, steps, n).
+            dt: length of a step, s.
+            steps: their number.
+            method: "rk4", the classical Runge-Kutta method, or "implicit", linearly implicit Euler, stable whatever
+                springs and dampers there are.
+            every: one of so many steps is stored.
+            kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number, or (n,).
+            target: coordinates that the controller aims at, shapes as for ``u``.
+            z: internal states at the beginning, (m,) or (N, m), 0 by default; the result has them as attribute ``z``.
+
+        Returns:
+            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first.
+
+        Raises:
+            UnknownNameError: the package was written without rollouts.
+            SingularError, IntegrationStopped, InputError: as of ``eomgen.Kernel.rollout``.
+        """
+        self.raw.function(ROLLOUT)  # or the error that it is not there
+        from .many_steps import rollout
+        from .rollouts import Control, FixedSteps, Inputs
+
+        options, inputs = FixedSteps(method, dt, steps, every), Inputs(q0, v0, u, Control(kp, kd, target))
+        if not self.internal_states:
+            self.calls.refuse_z(z)
+            return rollout(self.calls, inputs, options)
+        from .internal_states import joined_inputs, taken_apart
+
+        joined = joined_inputs(self.calls, z, inputs)
+        return taken_apart(self.calls, lambda: rollout(self.calls, joined, options))

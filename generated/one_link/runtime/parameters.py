@@ -3,137 +3,66 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
-from .arrays import names_in
-from .direct import State
-from .raw import RawKernel, Setup
-
-ROUND_OFF = 1e-9  # of a matrix scaled by its diagonal, and as many roundings of entries in single precision:
-ROUNDINGS = 8.0
-SPEEDS, TINY = 4000, 1e-12  # at which damping of bristles is looked at; least of it that counts, N s/m or N m s/rad
-FADING = "bristle_damping or fade so low that bristles give no energy back"  # what is allowed of them
-SEEN = 0.1  # of a direction's largest share, from which on its coordinates are named
+from .raw import Array, RawKernel, Setup
 
 
-@dataclass(frozen=True)
-class Entries:
-    """Entries of a symmetric matrix among parameters: the others are 0.
+class State:
+    """Parameters and choices that a kernel's calls take; the extension module has the same in C.
 
-    owner: its name, "joints.joint1.stiffness".  coordinates: of its rows.  slots: of the entries.  places: of the
-    entries, as indices of coordinates, row and column.
+    Attributes:
+        values: of the parameters, and behind them how joints are turned; replaced as a whole and never written to.
     """
 
-    owner: str
-    coordinates: tuple[str, ...]
-    slots: tuple[int, ...]
-    places: tuple[tuple[int, int], ...]
-
-    def negative(self, values: Sequence[float], round_off: float) -> list[str]:
-        """Return coordinates of a motion that has a negative energy with these values; none where no motion has.
-
-        The matrix is scaled by its diagonal, as units are mixed, and may be negative by this ``round_off`` per row.
-        """
-        matrix = np.zeros((len(self.coordinates),) * 2)
-        for (i, j), value in zip(self.places, values, strict=True):
-            matrix[i, j] = matrix[j, i] = value
-        sizes = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
-        loose = matrix.any(axis=1) & (sizes == 0.0)
-        if loose.any():  # what has no stiffness of its own, and what it is coupled to
-            coupled = matrix[loose].any(axis=0) | loose
-            return [name for name, is_coupled in zip(self.coordinates, coupled, strict=True) if is_coupled]
-        held = sizes > 0.0
-        scaled = matrix[np.ix_(held, held)] / np.outer(sizes[held], sizes[held])
-        if not held.any() or not np.isfinite(scaled).all():
-            return [] if not held.any() else list(self.coordinates)
-        energies, motions = np.linalg.eigh(scaled)
-        if energies[0] >= -round_off * len(scaled):
-            return []
-        shares = np.abs(motions[:, 0]) / np.abs(motions[:, 0]).max()
-        names = [name for name, is_held in zip(self.coordinates, held, strict=True) if is_held]
-        return [name for name, share in zip(names, shares, strict=True) if share >= SEEN]
-
-
-@dataclass(frozen=True)
-class Condition:
-    """A condition between numbers of a law: their sum with ``factors`` is at least ``least``; ``allowed`` says it.
-
-    Where there are no factors, damping of bristles fades as they slide faster, so that they give no energy back at any
-    velocity: ``fades`` has the numbers by their keys.
-    """
-
-    factors: Mapping[str, float]
-    least: float
-    allowed: str
-    fades: Mapping[str, str]
-
-    @classmethod
-    def of(cls, said: Mapping[str, Any]) -> Condition:
-        """Return it from plain values."""
-        allowed = said.get("allowed", FADING)
-        return cls(said.get("factors", {}), said.get("least", 0.0), allowed, said.get("fades", {}))
+    def __init__(
+        self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
+    ) -> None:
+        """Keep values, and what makes ``setup`` of them."""
+        self.values, self.checks, self.threads = values, checks, threads
+        self._make, self._lock = make, threading.Lock()
+        self._setup: Setup | None = None
+        self._successor: State | None = None
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of its numbers."""
-        return (*self.factors, *self.fades.values())
+    def setup(self) -> Setup:
+        """The values as functions of C read them: the same object until an assignment."""
+        setup = self._setup
+        if setup is not None:
+            return setup
+        with self._lock:
+            self._setup = self._setup or self._make(self.values)
+            return self._setup
 
-    def holds(self, numbers: Mapping[str, float]) -> bool:
-        """Return whether numbers, by their names, satisfy it."""
-        if self.fades:
-            return _fades({key: numbers[name] for key, name in self.fades.items()})
-        return sum(factor * numbers[name] for name, factor in self.factors.items()) >= self.least
+    def assign(self, *pairs: float) -> None:
+        """Replace the values by others that differ in some slots, at once: slot, number, slot, number, ..."""
+        with self._lock:  # assignments of other threads are kept
+            if self._successor is not None:
+                self._successor.assign(*pairs)
+                return
+            values = self.values.copy()
+            values[list(map(int, pairs[::2]))] = pairs[1::2]
+            self.values, self._setup = values, None
 
+    def moved_to(self, kind: Callable[..., State]) -> State:
+        """Return a state of another type in its place, which gets the assignments that come here later."""
+        with self._lock:
+            if self._successor is None:
+                self._successor = kind(self.values, self._make, self.checks, self.threads)
+            return self._successor
 
-def _fades(numbers: Mapping[str, float]) -> bool:
-    """Return whether bristle_damping exp(-(v / fade)^2) v is at most 4 times what bristles slide at, at any v."""
-    coulomb, damping, fade = (numbers[f"friction.{key}"] for key in ("coulomb", "bristle_damping", "fade"))
-    more, bell = numbers.get("friction.static", coulomb) - coulomb, numbers.get("friction.gaussian", 1.0)
-    scales = [fade, 4.0 * coulomb / max(damping, TINY)] + [bell] * ("friction.gaussian" in numbers)
-    v = np.geomspace(1e-3 * min(scales), 10.0 * max(scales), SPEEDS)
-    far, near = (np.exp(-np.minimum((v / scale) ** 2, 700.0)) for scale in (fade, bell))
-    return bool((damping * far * v <= 4.0 * (coulomb + more * near)).all())
-
-
-@dataclass(frozen=True)
-class Ranges:
-    """Ranges of parameters: the least of some, the most of all, matrices and conditions by the names of their numbers.
-
-    round_off: by which matrices that are scaled by their diagonals may be negative, per row.
-    """
-
-    least: Mapping[str, float]
-    most: float
-    entries: Mapping[str, Entries]
-    conditions: Mapping[str, Sequence[Condition]]
-    round_off: float
-
-
-def matrices_among(slots: Mapping[str, int], matrices: Mapping[str, Sequence[str]]) -> dict[str, Entries]:
-    """Return the matrices by the names of their entries that are parameters."""
-    owners: dict[str, Entries] = {}
-    for owner, coordinates in matrices.items():
-        pairs = [(i, j) for i in range(len(coordinates)) for j in range(i, len(coordinates))]
-        names = {f"{owner}.{coordinates[i]}.{coordinates[j]}": (i, j) for i, j in pairs}
-        known = {name: place for name, place in names.items() if name in slots}
-        entries = Entries(owner, tuple(coordinates), tuple(slots[name] for name in known), tuple(known.values()))
-        owners |= dict.fromkeys(known, entries)
-    return owners
-
-
-def by_number(said: Sequence[Mapping[str, Any]]) -> dict[str, list[Condition]]:
-    """Return conditions by the names of their numbers, from plain values."""
-    found: dict[str, list[Condition]] = {}
-    for one in map(Condition.of, said):
-        for name in one.names:
-            found.setdefault(name, []).append(one)
-    return found
+    def copy(self) -> State:
+        """Return a state with the same values, checks and threads; neither sees what becomes of the other."""
+        with self._lock:
+            other = State(self.values, self._make, self.checks, self.threads)
+            other._setup = self._setup
+            return other
 
 
 class Parameters(MutableMapping[str, float]):
@@ -150,48 +79,33 @@ class Parameters(MutableMapping[str, float]):
         state: what calls take: the values, and how they are made.
     """
 
-    _again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None  # see ``of``
-
-    def __init__(self, raw: RawKernel, slots: Mapping[str, int], ranges: Ranges, state: State) -> None:
-        self._raw, self._slots, self._ranges, self.state = raw, slots, ranges, state
-        self._least, self._most = ranges.least, ranges.most
-        together = (*ranges.entries, *ranges.conditions)  # none of these is set alone
-        self._alone = {**ranges.least, **dict.fromkeys(together, math.inf)}
-
-    @classmethod
-    def of(
-        cls,
-        raw: RawKernel,
-        values: Mapping[str, float],
-        least: Mapping[str, float],
-        matrices: Mapping[str, Sequence[str]],
-        conditions: Sequence[Mapping[str, Any]] = (),
-        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
-    ) -> Parameters:
-        """Make the parameters of a compiled module.
+    def __init__(self, raw: RawKernel, again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None) -> None:
+        """Make the parameters of a compiled module, with the values of its description.
 
         Args:
             raw: the compiled module.
-            values: by name, in the order of the slots.
-            least: the least value of those that have one.
-            matrices: coordinates of symmetric matrices, by their entries' names in front of these.
-            conditions: between numbers of laws, as plain values.
             again: a function and its arguments that make the same kernel in another process; none can be pickled
                 without.
         """
-        slots = {name: slot for slot, name in enumerate(values)}
-        state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
-        limits = np.finfo(raw.dtype)
-        round_off = max(ROUND_OFF, ROUNDINGS * float(limits.eps))
-        ranges = Ranges(least, float(limits.max), matrices_among(slots, matrices), by_number(conditions), round_off)
-        made = cls(raw, slots, ranges, state)
-        made._again = again
-        return made
+        meta = raw.libraries.meta
+        values: Mapping[str, float] = meta["parameters"]
+        self._raw, self._again = raw, again
+        self._slots = {name: slot for slot, name in enumerate(values)}
+        self._least: Mapping[str, float] = meta.get("least", {})
+        self._most = float(np.finfo(raw.dtype).max)
+        self._conditions: Mapping[str, Any] = {}
+        if meta.get("matrices") or meta.get("conditions"):
+            from .parameter_conditions import conditions_of
+
+            self._conditions = conditions_of(meta, raw.dtype)
+        self._alone = {**self._least, **dict.fromkeys(self._conditions, math.inf)}  # these are never set alone
+        self.state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
 
     def copy(self) -> Parameters:
         """Return the same names and values for the same code; neither sees the other's assignments."""
-        other = Parameters(self._raw, self._slots, self._ranges, self.state.copy())
-        other._again = self._again
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.state = self.state.copy()
         return other
 
     __copy__ = copy
@@ -271,24 +185,24 @@ class Parameters(MutableMapping[str, float]):
                 cannot be; a matrix of stiffness or damping would not be positive semidefinite; or numbers of a law do
                 not go together.
         """
-        wanted: list[float] = []
+        held: dict[str, float] = {}
         try:
             values = dict(*args, **kwargs)
         except (TypeError, ValueError):
             raise InputError(f"parameters: {show(args[0])}; allowed: a mapping from names to numbers") from None
         for name, value in values.items():
-            slot = self._slot(name)
-            held = self._held(name, value)
+            self._slot(name)
+            held[name] = self._held(name, value)
             least = self._least.get(name)
             if least is not None and value < least:
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
-            wanted += (slot, held)
-        held_by_slot = dict(zip(map(int, wanted[::2]), wanted[1::2], strict=True))
-        self._refuse_indefinite(values, held_by_slot)
-        self._refuse_conflict(values, held_by_slot)
-        if wanted:
-            self.state.assign(*wanted)
+        if not self._conditions.keys().isdisjoint(held):
+            from .parameter_conditions import refuse_faults
+
+            refuse_faults(self._conditions, values, lambda name: held[name] if name in held else self[name])
+        if held:
+            self.state.assign(*(x for name, number in held.items() for x in (self._slots[name], number)))
 
     def _held(self, name: str, value: Any) -> float:
         """Return the number as the kernel's dtype has it, of whole numbers without rounding."""
@@ -308,37 +222,6 @@ class Parameters(MutableMapping[str, float]):
         if rounded != value:
             raise InputError(f"parameters: {name} = {show(value)} is a number that {dtype} cannot hold exactly")
         return held
-
-    def _refuse_indefinite(self, values: Mapping[str, Any], held: Mapping[int, float]) -> None:
-        """Refuse entries by which a matrix has a direction of negative energy; as a whole, with the others as they are.
-
-        Args:
-            values: new ones by name.  held: the same by slot, as the dtype has them.
-        """
-        entries_of = self._ranges.entries
-        touched = {entries.owner: entries for name in values if (entries := entries_of.get(name))}
-        for owner, entries in touched.items():
-            numbers = [held.get(slot, float(self.state.values[slot])) for slot in entries.slots]
-            moving = entries.negative(numbers, self._ranges.round_off)
-            if moving:
-                changed = ", ".join(f"{x} = {show(y)}" for x, y in values.items() if entries_of.get(x) is entries)
-                raise InputError(
-                    f"parameters: {changed}: {owner} would have a negative energy where {' and '.join(moving)} move;"
-                    " allowed: entries of a positive semidefinite matrix (``update`` changes several at once)"
-                )
-
-    def _refuse_conflict(self, values: Mapping[str, Any], held: Mapping[int, float]) -> None:
-        """Refuse numbers of a law that do not go together, with the others as they are; arguments as above."""
-        touched = {id(one): one for name in values for one in self._ranges.conditions.get(name, ())}
-        for one in touched.values():
-            numbers = {x: held.get(self._slots[x], float(self.state.values[self._slots[x]])) for x in one.names}
-            if not one.holds(numbers):
-                changed = ", ".join(f"{x} = {show(y)}" for x, y in values.items() if x in numbers)
-                beside = ", ".join(f"{x} is {numbers[x]:g}" for x in one.names if x not in values)
-                raise InputError(
-                    f"parameters: {changed}{beside and f', where {beside}'}; allowed: {one.allowed} (``update`` changes"
-                    " several at once)"
-                )
 
     def _ipython_key_completions_(self) -> list[str]:
         return list(self._slots)
@@ -370,20 +253,3 @@ def _parameters_of(*pickled: Any) -> Parameters:
     """Return the parameters of a kernel that is made again."""
     made: Parameters = kernel_of(*pickled).parameters
     return made
-
-
-def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
-    """Return places of parameters by their names.
-
-    Raises:
-        InputError: a text instead of a sequence of names, or a name that stands twice.
-        UnknownNameError: not a run-time parameter.
-    """
-    names = names_in("parameters", names)
-    known = {name: slot for slot, name in enumerate(parameters)}
-    for name in names:
-        if name not in known:
-            raise UnknownNameError(f"parameters: {name!r} is unknown{nearest_or_all(str(name), known)}")
-    if len(set(names)) < len(names):
-        raise InputError(f"parameters: {', '.join(names)}; allowed: every name once")
-    return [known[name] for name in names]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from ..errors import ArrayError, InputError, IntegrationStopped
+from ..errors import ArrayError, InputError
 from ..names import show
-from .arrays import joint_lead
 from .calls import Calls
 from .raw import Array
 
@@ -45,17 +44,6 @@ class Rollout(tuple[Array, Array]):
         rollout = cls((q, v))
         vars(rollout).update(figures)
         return rollout
-
-    def apart(self, coordinates: int) -> Rollout:
-        """Return q and v of so many coordinates, and what stands behind these in v as ``z``."""
-        q, rates = self
-        v, z = cut_apart(rates, coordinates)
-        return Rollout.of(q, v, **vars(self), z=z)
-
-
-def cut_apart(rates: Array, coordinates: int) -> tuple[Array, Array]:
-    """Return velocities of so many coordinates, and what stands behind these: internal states z."""
-    return np.ascontiguousarray(rates[..., :coordinates]), np.ascontiguousarray(rates[..., coordinates:])
 
 
 @dataclass(frozen=True)
@@ -147,64 +135,6 @@ class Inputs:
         if len({size for size in sizes.values() if size != 1}) > 1:
             raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
         return max(sizes.values())
-
-
-def joined_inputs(calls: Calls, z: ArrayLike | None, inputs: Inputs) -> Inputs:
-    """Return inputs in the arrays of the C: z, 0 by default, stands behind v; efforts are as they are.
-
-    Raises:
-        InputError: z, and no force law has internal states.
-        ArrayError: an array of another length.
-    """
-    if not calls.internal_states:
-        calls.refuse_z(z)
-        return inputs
-    control, m = inputs.control, len(calls.internal_states)
-    states = np.zeros(m, calls.dtype) if z is None else z
-    v0 = behind(calls, ("v0", inputs.v0, calls.n), ("z", states, m))
-    u, kp, kd = (padded(calls, x, y) for x, y in (("u", inputs.u), ("kp", control.kp), ("kd", control.kd)))
-    effort = None if control.effort is None else np.append(control.effort, np.full(calls.inputs - calls.n, np.inf))
-    return Inputs(inputs.q0, v0, u, Control(kp, kd, control.target, effort))
-
-
-def taken_apart(calls: Calls, take: Callable[[], Rollout]) -> Rollout:
-    """Return the result of steps with internal states of its own, also that of an IntegrationStopped."""
-    if not calls.internal_states:
-        return take()
-    try:
-        return take().apart(calls.n)
-    except IntegrationStopped as error:
-        error.set_apart(calls.n)
-        if error.stored is not None:
-            error.stored = Rollout.of(*error.stored).apart(calls.n)
-        raise
-
-
-def behind(calls: Calls, *parts: tuple[str, ArrayLike, int]) -> Array:
-    """Return arrays of states, by name and length, one behind the other in the last axis."""
-    taken = [calls.array(label, value, (size,)) for label, value, size in parts]
-    lead: tuple[int, ...] = ()
-    for (label, *_), (_, own) in zip(parts, taken, strict=True):
-        lead = joint_lead(label, own, lead)
-    return np.concatenate([np.broadcast_to(x, (*lead, x.shape[-1])) for x, _ in taken], axis=-1)
-
-
-def padded(calls: Calls, label: str, value: ArrayLike | None) -> Any:
-    """Return inputs of coordinates, (..., n), with zeros for forces beside drives behind; what is no array as it is.
-
-    Raises:
-        ArrayError: an array of another length.
-    """
-    try:
-        shape = np.shape(value)  # type: ignore[arg-type]  # of None ()
-    except ValueError:  # no array at all: checks say so
-        return value
-    if not shape:
-        return value
-    if shape[-1] != calls.n:
-        raise ArrayError(f"{label}: got shape {shape}; allowed: ({calls.n},) or (..., {calls.n})")
-    array = np.asarray(value)
-    return np.concatenate([array, np.zeros((*array.shape[:-1], calls.inputs - calls.n), array.dtype)], axis=-1)
 
 
 @dataclass(frozen=True)

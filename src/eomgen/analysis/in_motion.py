@@ -13,8 +13,8 @@ from ..errors import InputError, LoopError
 from ..kernel.complete import Kernel
 from ..names import joint_of
 from ..pipeline.building import build
+from ..runtime.internal_states import cut_apart
 from ..runtime.loop_errors import left_open
-from ..runtime.rollouts import cut_apart
 from ..state.drives import has_drives
 from ..state.internal_states import forces_needed
 from ..state.vectors import prescribed_mask, state_vector

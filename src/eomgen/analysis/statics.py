@@ -29,7 +29,7 @@ from ..robot.model import tool_of
 from ..robot.parameter_names import number_of
 from ..robot.value import AXES, COORDINATES, Link, Robot, node_link
 from ..robot.value.nodes import SLIDING
-from ..runtime.wrenches import wrench_rows
+from ..runtime.bound import wrench_rows
 from ..shown import Plotting, Shown, scale_of
 from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating, floating_cuts

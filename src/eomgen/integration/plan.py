@@ -17,7 +17,7 @@ from ..kernel.stepping.options import NARROW, NARROW_TURNS, TURNS, rollout_of
 from ..kernel.stepping.reading_inputs import signals_of
 from ..limits import LARGEST, is_usable
 from ..names import show
-from ..runtime.wrenches import WrenchLike
+from ..runtime.bound import WrenchLike
 from ..state.springs import any_spring, damping_matrix, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 

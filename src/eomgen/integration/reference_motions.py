@@ -23,7 +23,7 @@ from ..kernel.complete import Kernel
 from ..names import component_name, listed
 from ..robot.coordinates import index_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.wrenches import WrenchLike
+from ..runtime.bound import WrenchLike
 from ..shown import Shown, prefixed
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .drives import drive_of

@@ -19,8 +19,8 @@ from ..kernel.stepping.methods import SUNDIALS, Method
 from ..kernel.stepping.options import ErrorControl
 from ..kernel.stepping.reading_inputs import input_signals
 from ..progress import Progress, tells_at_prompt
-from ..runtime.rollouts import cut_apart
-from ..runtime.wrenches import WrenchLike
+from ..runtime.bound import WrenchLike
+from ..runtime.internal_states import cut_apart
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from . import compiled, sundials
 from .closed import ClosedSystem

@@ -20,7 +20,7 @@ from ..optional import optional_import
 from ..progress import Progress
 from ..robot.laws import COARSE
 from ..runtime.arrays import numbers_in
-from ..runtime.many_steps import StateBounds
+from ..runtime.internal_states import StateBounds
 from ..state.springs import coordinate_sizes, fastest_rates, internal_state_sizes, rubbing_rates
 from .contacts import ContactWatch
 from .plan import IntegratorOptions

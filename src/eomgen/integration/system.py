@@ -15,10 +15,9 @@ from ..kernel.stepping.motions import SingleMotion
 from ..kernel.stepping.packed_inputs import PackedInputs
 from ..kernel.stepping.reading_inputs import NamedWrenches
 from ..runtime.arrays import numbers_in
-from ..runtime.bound import with_wrench
+from ..runtime.bound import WrenchLike, with_wrench, wrench_rows
+from ..runtime.internal_states import cut_apart
 from ..runtime.raw import name_of
-from ..runtime.rollouts import cut_apart
-from ..runtime.wrenches import WrenchLike, wrench_rows
 from ..state.drives import acceleration_slopes, drive_jacobian, has_drives, is_of_drive, places_of_forces
 from ..state.springs import rate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask

@@ -15,7 +15,7 @@ from ..kernel.complete import Kernel
 from ..names import component_name
 from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..shown import Shown
 from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from ..runtime.bound import BoundFunctions, kernel_method
+from ..runtime.bound import WrenchLike
+from ..runtime.direct import BoundFunctions
 from ..runtime.raw import Array
-from ..runtime.wrenches import WrenchLike
+from .declared_methods import kernel_method
 
 
 class KernelMethods:

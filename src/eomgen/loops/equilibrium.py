@@ -13,10 +13,9 @@ from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.turning import singular_joints
 from ..robot.sizes import REFERENCE_ACCELERATION
-from ..runtime.bound import evaluate
+from ..runtime.bound import WrenchLike, evaluate, wrench_rows
 from ..runtime.raw import name_of
 from ..runtime.singular import inertias
-from ..runtime.wrenches import WrenchLike, wrench_rows
 from ..state.drives import DrivesAtRest, is_of_drive
 from ..state.equilibrium import (
     given_forces,

@@ -6,6 +6,7 @@ Nothing of a build depends on it: where it cannot be had, kernels are called thr
 from __future__ import annotations
 
 import threading
+import weakref
 from concurrent.futures import Future
 from functools import partial
 from types import ModuleType
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BuildError
 from ..progress import StageReport, no_report
-from ..runtime.direct import NAME, ExtensionBinding
+from ..runtime.direct import NAME, BoundFunctions, ExtensionBinding
 from . import cache as store
 from .load import load_module
 
@@ -21,6 +22,31 @@ if TYPE_CHECKING:
     from ..codegen.package.running import Compiler
 
 KIND = "extensions"
+
+
+class LateBinding(ExtensionBinding):
+    """The extension module that calls go through, for kernels that are made before it and after it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._is_expected, self._lock = True, threading.Lock()
+        self._waiting: weakref.WeakSet[BoundFunctions] = weakref.WeakSet()
+
+    def take(self, functions: BoundFunctions) -> None:
+        """Bind the functions of a kernel to the module, now or when it comes."""
+        with self._lock:
+            if self._is_expected:
+                self._waiting.add(functions)
+                return
+        super().take(functions)
+
+    def settle(self, module: ModuleType | None) -> None:
+        """Bind all functions that wait; without a module they stay as they are."""
+        with self._lock:
+            self.module, self._is_expected = module, False
+            waiting, self._waiting = list(self._waiting), weakref.WeakSet()
+        for functions in waiting:
+            super().take(functions)
 
 
 class Extension:
@@ -31,7 +57,7 @@ class Extension:
     """
 
     def __init__(self) -> None:
-        self.binding, self._guard = ExtensionBinding(expected=True), threading.Lock()
+        self.binding, self._guard = LateBinding(), threading.Lock()
         self._compiler: Compiler | None = None
         self._begun: Future[store.Entry | None] | None = None
         self._is_settled = False

@@ -138,7 +138,7 @@ def _files_of_levels(described: Described, progress: StageReport) -> store.Files
     levels = ("",) if options.native else asked or tuple(best)
     made = [make_package(described, tools_for(options, level), "", progress).files for level in levels]
     codes = [data.decode("ascii") for file, data in made[0].items() if file.endswith((".c", ".h"))]
-    collected = {**carried_contents(*codes), **made[0]}
+    collected = {**carried_contents(json.loads(made[0][f"{name}.json"]), *codes), **made[0]}
     for level, files in zip(levels[1:], made[1:], strict=True):
         loaded = [x for x in files if "/" not in x and (x.endswith(_BINARIES) or x == f"_{name}.py")]
         collected |= {f"{level}/{file}": files[file] for file in loaded}

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BuildError
-from ..runtime.raw import OneLibrary
+from ..runtime.raw import Libraries
 from . import cache as store
 
 _guard = threading.Lock()
@@ -60,7 +60,7 @@ def tried_module(package: store.Entry, name: str) -> Iterator[Callable[[], Any]]
         sys.modules.setdefault(_place(package, name), loaded[0])
 
 
-def one_library(package: store.Entry, name: str) -> OneLibrary:
+def one_library(package: store.Entry, name: str) -> Libraries:
     """Return the library of a package in the cache, whose texts are read while they are there; ``name`` is the robot's.
 
     Raises:
@@ -73,7 +73,7 @@ def one_library(package: store.Entry, name: str) -> OneLibrary:
             raise FileNotFoundError(file)
         return entry.files[file].decode("ascii")
 
-    return OneLibrary(*loaded(package, name), read)
+    return Libraries(*loaded(package, name), read)
 
 
 def loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import UnknownNameError
 from ..progress import StageReport, no_report, told_at_prompt
-from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
+from ..runtime.raw import BATCH, DERIVED, SETUP, Libraries, Library
 from . import cache as store
 from .direct_calls import settle
 from .load import loaded, one_library
@@ -21,8 +21,36 @@ from .stages import Described, Tools, make_package, rendered
 Names = tuple[str, ...]
 
 
+class Operations(Mapping[str, Mapping[str, int]]):
+    """Operations of the C of kernels, and of "parameters", by kind of operation."""
+
+    def __init__(self, libraries: Libraries) -> None:
+        self._libraries = libraries
+
+    def __getitem__(self, kernel: str) -> Mapping[str, int]:
+        if kernel not in self:
+            raise KeyError(kernel)
+        counts: Mapping[str, int] = self._libraries.about(kernel)["operations"][kernel]
+        return dict(counts)
+
+    def __contains__(self, kernel: object) -> bool:
+        return kernel == SETUP or kernel in self._libraries.meta["kernels"]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over all but derivatives, of which there are many, and which would have to be derived."""
+        functions = self._libraries.meta["functions"]
+        derived = {name for name, entry in functions.items() if entry["kind"] in DERIVED}
+        return iter((*(name for name in self._libraries.meta["kernels"] if name not in derived), SETUP))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __repr__(self) -> str:
+        return f"<operations of {', '.join(self)}>"
+
+
 @dataclass
-class OnDemand:
+class OnDemand(Libraries):
     """Libraries of a robot's kernels: each is made, or taken from the cache, when it is first asked for.
 
     A kernel has two: one with its functions for one state, and one with those for batches.  Two threads that ask for
@@ -43,6 +71,11 @@ class OnDemand:
     groups: Mapping[str, Names] = field(default_factory=dict)
     _found: dict[tuple[Names, str], Library] = field(default_factory=dict)
     _locks: dict[tuple[Names, str], threading.Lock] = field(default_factory=dict)
+
+    @property
+    def operations(self) -> Mapping[str, Mapping[str, int]]:
+        """Operations of the C of kernels, which are counted when they are looked up."""
+        return Operations(self)
 
     def library(self, kernel: str, function: str = "") -> Library:
         """Return the library with a function of C of a kernel; without a name with those for one state.
@@ -99,7 +132,7 @@ class OnDemand:
         source = rendered(self.described.of(()), self.progress).source
         return {**source.files, f"{self._name}.json": source.meta}[file]
 
-    def together(self, kernels: Names) -> OneLibrary:
+    def together(self, kernels: Names) -> Libraries:
         """Return these kernels in one library.
 
         Raises:

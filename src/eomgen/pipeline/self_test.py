@@ -21,7 +21,7 @@ from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import BuildError
 from ..kernel.stepping.methods import ADAPTIVE as METHODS_IN_C
 from ..kernel.stepping.options import rollout_of
-from ..runtime.raw import ADAPTIVE, BATCH, FFI, OneLibrary, RawFunction, RawKernel
+from ..runtime.raw import ADAPTIVE, BATCH, FFI, Libraries, RawFunction, RawKernel
 from ..runtime.rollouts import FIXED
 from . import cache as store
 from .load import tried_module
@@ -91,13 +91,13 @@ def first_difference(
         halves: of the code that the module has.
     """
     with np.errstate(all="ignore"):
-        return next(_Check(OneLibrary(module.ffi, module.lib, meta), expected, halves).differences(), None)
+        return next(_Check(Libraries(module.ffi, module.lib, meta), expected, halves).differences(), None)
 
 
 class _Check:
     """Calls the functions of a library."""
 
-    def __init__(self, library: OneLibrary, expected: Mapping[str, Array], halves: Sequence[str]) -> None:
+    def __init__(self, library: Libraries, expected: Mapping[str, Array], halves: Sequence[str]) -> None:
         self.library, self.raw, self.expected = library.library(""), RawKernel(library), expected
         self.compiled = {name for half in halves for name in library.meta["halves"][half]}
         self.h, self.eps = self._pointer(expected["h"]), float(np.finfo(self.raw.dtype).eps)

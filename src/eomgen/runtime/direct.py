@@ -9,135 +9,19 @@ from __future__ import annotations
 
 import importlib
 import itertools
-import threading
-import weakref
 from collections.abc import Callable
 from functools import partial
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any
 
 from .arrays import axes_with_states
+from .bound import CalledInPython, CheckedFunction, function_of
+from .calls import TREE, Calls
 from .chunking import states_at_once
-from .raw import Array, Library, RawKernel, Setup
+from .parameters import State
+from .raw import Array, Library, RawKernel
 
 NAME = "_direct"
-
-
-class State:
-    """Parameters and choices that a kernel's calls take; the extension module has the same in C.
-
-    Attributes:
-        values: of the parameters, and behind them how joints are turned; replaced as a whole and never written to.
-    """
-
-    def __init__(
-        self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
-    ) -> None:
-        """Keep values, and what makes ``setup`` of them."""
-        self.values, self.checks, self.threads = values, checks, threads
-        self._make, self._lock = make, threading.Lock()
-        self._setup: Setup | None = None
-        self._successor: State | None = None
-
-    @property
-    def setup(self) -> Setup:
-        """The values as functions of C read them: the same object until an assignment."""
-        setup = self._setup
-        if setup is not None:
-            return setup
-        with self._lock:
-            self._setup = self._setup or self._make(self.values)
-            return self._setup
-
-    def assign(self, *pairs: float) -> None:
-        """Replace the values by others that differ in some slots, at once: slot, number, slot, number, ..."""
-        with self._lock:  # assignments of other threads are kept
-            if self._successor is not None:
-                self._successor.assign(*pairs)
-                return
-            values = self.values.copy()
-            values[list(map(int, pairs[::2]))] = pairs[1::2]
-            self.values, self._setup = values, None
-
-    def moved_to(self, kind: Callable[..., State]) -> State:
-        """Return a state of another type in its place, which gets the assignments that come here later."""
-        with self._lock:
-            if self._successor is None:
-                self._successor = kind(self.values, self._make, self.checks, self.threads)
-            return self._successor
-
-    def copy(self) -> State:
-        """Return a state with the same values, checks and threads; neither sees what becomes of the other."""
-        with self._lock:
-            other = State(self.values, self._make, self.checks, self.threads)
-            other._setup = self._setup
-            return other
-
-
-class Bindable(Protocol):
-    """Functions of a kernel that can be bound to an extension module: see ``methods.bound.BoundFunctions``."""
-
-    def bind(self, module: ModuleType) -> None:
-        """Let plain calls go through the module."""
-
-
-class ExtensionBinding:
-    """The extension module that kernels' calls go through, for kernels that are made before it and after it.
-
-    Attributes:
-        module: it, or None while it is not there, or where none can be had.
-    """
-
-    def __init__(self, module: ModuleType | None = None, *, expected: bool = False) -> None:
-        """Keep a module, or none; ``expected``: whether one is still to come."""
-        self.module, self._expected, self._lock = module, expected, threading.Lock()
-        self._waiting: weakref.WeakSet[Any] = weakref.WeakSet()
-
-    def take(self, functions: Bindable) -> None:
-        """Bind the functions of a kernel to the module, now or when it comes."""
-        if self.module is None and self._expected:
-            with self._lock:
-                if self.module is None and self._expected:
-                    self._waiting.add(functions)
-                    return
-        if self.module is not None:
-            functions.bind(self.module)
-
-    def settle(self, module: ModuleType | None) -> None:
-        """Bind all functions that wait; without a module they stay as they are."""
-        with self._lock:
-            self.module, self._expected = module, False
-            waiting, self._waiting = list(self._waiting), weakref.WeakSet()
-        for functions in waiting if module is not None else ():
-            functions.bind(module)
-
-
-def packaged() -> ExtensionBinding:
-    """Return the binding of the generated package that carries this file: to the module beside it, if that loads."""
-    try:
-        return ExtensionBinding(importlib.import_module(f".{NAME}", __package__))
-    except (ImportError, RuntimeError):  # not compiled, or for another Python, NumPy or system
-        return ExtensionBinding()
-
-
-class Checked(Protocol):
-    """A function that is called in Python: see ``methods.bound.CheckedFunction``."""
-
-    @property
-    def name(self) -> str:
-        """Name of the function."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of its arguments, in their order."""
-
-    @property
-    def positional(self) -> int:
-        """How many of them may be given without their names."""
-
-    @property
-    def axes(self) -> int:
-        """Axes of each array of a result that is a tuple of arrays, beginning with theirs; 0 of one array."""
 
 
 class DirectFunctions:
@@ -159,7 +43,7 @@ class DirectFunctions:
         self._arming = partial(_arm, raw, {}, itertools.count())
         self._made: dict[str, Any] = {}
 
-    def bound(self, checked: Checked, called: Callable[..., Any], state: State) -> Callable[..., Any]:
+    def bound(self, checked: CheckedFunction, called: Callable[..., Any], state: State) -> Callable[..., Any]:
         """Return a function of a kernel with that state: plain calls go to the C, all others to ``called``."""
         function = self._made.get(checked.name)
         if function is None:
@@ -169,7 +53,7 @@ class DirectFunctions:
         bound: Callable[..., Any] = self.module.bind(function, called, state)
         return bound
 
-    def _function(self, checked: Checked) -> Any:
+    def _function(self, checked: CheckedFunction) -> Any:
         raw, function = self._raw, self._raw.functions[checked.name]
         has_loops = bool(raw.libraries.meta.get("constraints"))
         term, numbers = function.wrench, {x: i for i, x in enumerate(function.reads)}
@@ -189,7 +73,7 @@ class DirectFunctions:
             added=(term.sign if term and into < 0 else 1.0, into, self._prescribed if into >= 0 else ()),
         )
 
-    def _role(self, label: str, checked: Checked, has_loops: bool) -> tuple[str, tuple[int, ...]]:
+    def _role(self, label: str, checked: CheckedFunction, has_loops: bool) -> tuple[str, tuple[int, ...]]:
         """Return the role of an argument and the shape of its array, as the module takes them."""
         function = self._raw.functions[checked.name]
         if label in function.reads:
@@ -216,3 +100,75 @@ def _arm(
     number = libraries[library] if library in libraries else libraries.setdefault(library, next(new))
     setup = library.address(library.setup)
     function.arm(kind, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))
+
+
+class BoundFunctions:
+    """Functions as attributes and by their names.
+
+    Each is made when it is first looked up; from then on it is an attribute like others.
+
+    Attributes:
+        direct: functions of the extension module, or None before the first binding.
+        is_direct: True if plain calls go through it.
+    """
+
+    def __init__(self, calls: Calls, direct: DirectFunctions | None = None) -> None:
+        """Take a kernel's calls, and the functions of the extension module where its code was bound before."""
+        self.calls, self.direct, self.is_direct = calls, direct, False
+
+    def __getattr__(self, name: str) -> Callable[..., Array]:
+        if name.startswith("__"):  # as copy and pickle ask for
+            raise AttributeError(name)
+        called = self.called_in_python(name)
+        bound: Callable[..., Array] = called
+        if self.direct is not None and self.is_direct and name in self.calls.raw.functions:
+            bound = self.direct.bound(called.checked, called, self.calls.parameters.state)
+        setattr(self, name, bound)
+        return bound
+
+    def called_in_python(self, name: str) -> CalledInPython:
+        """Return the function of that name, which checks its arguments; errors as of ``CheckedFunction.of``."""
+        return CalledInPython(CheckedFunction.of(self.calls.raw, name), self.calls)
+
+    def __getitem__(self, name: str) -> Callable[..., Array]:
+        bound: Callable[..., Array] = getattr(self, name)
+        return bound
+
+    def has(self, name: str) -> bool:
+        """Whether there is a function of that name, which may be there for the open tree alone."""
+        return function_of(self.calls.raw, name) is not None
+
+    def names(self) -> list[str]:
+        """List the names of functions, without those of the open tree."""
+        return [name for name in self.calls.raw.functions if not name.startswith(TREE)]
+
+    def bind(self, module: ModuleType) -> None:
+        """Let plain calls go through an extension module."""
+        if self.direct is None or self.direct.module is not module:
+            self.direct = DirectFunctions(module, self.calls.raw)
+        parameters = self.calls.parameters
+        if not isinstance(parameters.state, module.State):
+            parameters.state = parameters.state.moved_to(module.State)
+        self.is_direct = True
+        for name in self.calls.raw.functions:
+            vars(self).pop(name, None)
+
+
+class ExtensionBinding:
+    """The extension module that kernels' calls go through; ``module`` is None where none can be had."""
+
+    def __init__(self, module: ModuleType | None = None) -> None:
+        self.module = module
+
+    def take(self, functions: BoundFunctions) -> None:
+        """Bind the functions of a kernel to the module."""
+        if self.module is not None:
+            functions.bind(self.module)
+
+
+def packaged() -> ExtensionBinding:
+    """Return the binding of the generated package that carries this file: to the module beside it, if that loads."""
+    try:
+        return ExtensionBinding(importlib.import_module(f".{NAME}", __package__))
+    except (ImportError, RuntimeError):  # not compiled, or for another Python, NumPy or system
+        return ExtensionBinding()

@@ -41,12 +41,6 @@ def supported() -> tuple[str, ...]:
     return tuple(level for level in machine_levels() if features.issuperset(NEEDS[level]))
 
 
-def lacking(level: str) -> tuple[str, ...]:
-    """Return features that a level needs and that are not here."""
-    features = _features()
-    return tuple(name for name in NEEDS[level] if name not in features)
-
-
 @cache
 def _features() -> frozenset[str]:
     """Return features of the first processor, by Linux's names; none where the system does not say."""
@@ -94,7 +88,8 @@ def check_level(level: str, whence: str) -> None:
     if level not in machine_levels():
         reason = "is unknown" if level not in LEVELS else "is of x86-64 on Linux, which this machine is not"
     else:
-        reason = f"is beyond this processor, which lacks {', '.join(lacking(level))}"
+        lacking = [name for name in NEEDS[level] if name not in _features()]
+        reason = f"is beyond this processor, which lacks {', '.join(lacking)}"
     raise InputError(f"{whence}: {show(level)} {reason}; allowed: {', '.join(supported())}")
 
 

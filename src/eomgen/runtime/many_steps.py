@@ -3,92 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import ArrayError, IntegrationStopped
-from ..names import split_state
 from .calls import Calls
 from .chunking import OPERATIONS, ROUND, shared
-from .loop_errors import stays_open
 from .raw import ROLLOUT, Array, RawFunction
 from .rollouts import FIXED, SHARE, FixedSteps, Inputs, Rollout, RolloutArrays, allocate_states, read_arrays
 
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 SHORT = 1e-12  # s, in which nothing moves
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
-MARGIN = 1.1  # of the bounds of internal states, which errors of good steps do not reach
-METHODS = "method='rosenbrock' or 'radau', or a shorter step"
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
-
-
-def _bristles(numbers: Mapping[str, float]) -> float:
-    """Return the deflection at which bristles yield at the latest, m or rad."""
-    level = max(numbers["friction.coulomb"], numbers.get("friction.static", 0.0))
-    return level / numbers["friction.bristle_stiffness"]
-
-
-def _hysteresis(numbers: Mapping[str, float]) -> float:
-    """Return the deflection at which Bouc-Wen hysteresis yields, m or rad; infinite where it never does."""
-    A, beta, gamma, n = (numbers[f"hysteresis.{key}"] for key in ("A", "beta", "gamma", "n"))
-    return float((A / (beta + gamma)) ** (1.0 / n)) if beta + gamma > 0.0 else np.inf
-
-
-BOUNDS: Mapping[str, Callable[[Mapping[str, float]], float]] = {  # by a state's name
-    "friction.z": _bristles,
-    "hysteresis.z": _hysteresis,
-}
-
-
-@dataclass(frozen=True)
-class StateBounds:
-    """Bounds of the states of a kernel's laws.
-
-    Attributes:
-        names: of the states, (s,).
-        bounds: of their sizes, (..., s), infinite where nothing bounds one.
-    """
-
-    names: tuple[str, ...]
-    bounds: Array
-
-    @classmethod
-    def of(cls, calls: Calls, begin: Array) -> StateBounds:
-        """Return the bounds with the kernel's parameters as they are; what begins beyond one is bounded by itself.
-
-        Args:
-            begin: what a motion begins with, (..., n), whose last numbers are the states.
-        """
-        meta, values = calls.raw.libraries.meta, calls.parameters.state.values
-        tables = {**meta["elements"].get("coordinates", {}), **meta["elements"].get("cut_laws", {})}
-        limits = []
-        for name in calls.internal_states:
-            owner, law, state = split_state(name)
-            bound = BOUNDS.get(f"{law}.{state}")
-            numbers = {key: float(values[place]) for key, place in tables.get(owner, {}).items()}
-            limits.append(bound(numbers) if bound is not None and numbers else np.inf)
-        return cls(calls.internal_states, np.maximum(MARGIN * np.array(limits), np.abs(begin[..., -len(limits) :])))
-
-    def within(self, v: Array) -> Array:
-        """Return which states are within their bounds, (..., rows, s), in velocities with states behind them."""
-        return np.asarray(np.abs(v[..., -len(self.names) :]) <= self.bounds[..., np.newaxis, :])
-
-    def first_beyond(self, v: Array) -> tuple[tuple[int, ...], str] | None:
-        """Return the place, (..., row, state), of the first state beyond its bound, and say so; None where none is.
-
-        Args:
-            v: velocities with states behind them, (..., rows, n); what is no number is left to others.
-        """
-        within = self.within(v) | np.isnan(v[..., -len(self.names) :])
-        if within.all():
-            return None
-        place = tuple(int(i) for i in np.unravel_index(int(within.argmin()), within.shape))
-        bound = np.broadcast_to(self.bounds[..., np.newaxis, :], within.shape)[place]
-        size, name = abs(v[..., -len(self.names) :][place]), self.names[place[-1]]
-        return place, f"{name} is {size:.3g}, and cannot exceed {bound:.3g}; allowed: {METHODS}"
 
 
 def rollout(calls: Calls, inputs: Inputs, options: FixedSteps) -> Rollout:
@@ -117,6 +47,8 @@ def rollout(calls: Calls, inputs: Inputs, options: FixedSteps) -> Rollout:
             drives=[(_row(x, apart, state), 0, n) for x, apart, n in arrays.drives],
         )
         if reason >= calls.n:
+            from .loop_errors import stays_open
+
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         if trouble is None and not _begins_well(calls, alone, dt, step, method):
@@ -136,20 +68,6 @@ def rollout(calls: Calls, inputs: Inputs, options: FixedSteps) -> Rollout:
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
-def wrong_state(calls: Calls, method: str, v: Array) -> tuple[StateBounds, tuple[int, ...], str] | None:
-    """Return the bounds of internal states, and of the first one that steps of a length let leave them what
-    ``StateBounds.first_beyond`` does; None where none leaves them.
-
-    Args:
-        v: velocities with the states behind them, (..., rows, n).
-    """
-    if method != "rk4" or not calls.internal_states:
-        return None
-    bounds = StateBounds.of(calls, v[..., 0, :])
-    beyond = bounds.first_beyond(v)
-    return None if beyond is None else (bounds, *beyond)
-
-
 def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array], apart: float) -> None:
     """Refuse explicit steps that are too long for laws with internal states: motions are then wrong, if finite.
 
@@ -159,6 +77,10 @@ def _refuse_wrong_states(calls: Calls, method: str, result: tuple[Array, Array],
     Raises:
         IntegrationStopped: an internal state leaves the bounds that it cannot leave.
     """
+    if not calls.internal_states:
+        return
+    from .internal_states import wrong_state
+
     q, v = result
     found = wrong_state(calls, method, v)
     if found is None:
@@ -278,12 +200,9 @@ class _Run:
             if not in_place:
                 sizes = [(count, rows + 1, x.shape[-1]) for x in self.stored]
                 ends = [x[: math.prod(size)].reshape(size) for x, size in zip(room, sizes, strict=True)]
-            before = turned.copy()
+            for x in () if in_place else ends:
+                x.fill(np.nan)  # until it is reached
             failed = self._call((first, last), (begin, end), apart, at, ends, turned)
-            if failed >= 0 and not in_place:  # once more, to know what was reached
-                for x in ends:
-                    x.fill(np.nan)
-                self._call((first, last), (begin, end), apart, at, ends, before)
             if not in_place:
                 for whole, chunk in zip(self.stored, ends, strict=True):
                     whole[first:last, row + (begin > 0) : row + kept + 1] = chunk[:, int(begin > 0) : kept + 1]

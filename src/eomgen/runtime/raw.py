@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import _cffi_backend
 import numpy as np
@@ -18,20 +18,14 @@ Array = NDArray[Any]
 Method = str | Callable[..., Any]  # a method of a kernel, or its name
 
 __all__ = [
-    *("Libraries", "Library", "Method", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup", "name_of"),
+    *("Libraries", "Library", "Method", "RawFunction", "RawKernel", "Setup", "name_of"),
 ]
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 JOINED = "_joined"  # ends the names of functions that integrations call
 BY_OPTION = ("z", "forces")  # arrays that options of methods give
-DERIVED = (
-    "tangent",
-    "adjoint",
-    "hessian",
-    "jet",
-    "gradient",
-)  # kinds of functions that are of others
+DERIVED = ("tangent", "adjoint", "hessian", "jet", "gradient")  # kinds of functions that are of others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
 FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = "frames", "rollout", "adaptive", "gradient"  # kinds with special calls
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
@@ -207,82 +201,42 @@ class Library:
         return self.ffi.new(f"{self.name}_{kind}[]", length)
 
 
-class Libraries(Protocol):
-    """Libraries with the functions of a kernel: one, or several that are made when they are asked for.
+class Libraries:
+    """Libraries with the functions of a kernel: one; several, made when they are asked for, in derived classes.
 
     Attributes:
         meta: names, shapes, parameters and functions, the same for all libraries.
     """
 
-    meta: Mapping[str, Any]
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
+        """Take a package's library by cffi's objects and its metadata; ``read`` gives the text of a file of it."""
+        self.meta, self._only, self._text_of = meta, Library(ffi, lib, meta), read
+
+    @property
+    def operations(self) -> Mapping[str, Mapping[str, int]]:
+        """Operations of the C of kernels, and of "parameters", by kind of operation."""
+        counts: Mapping[str, Mapping[str, int]] = self.meta["operations"]
+        return counts
 
     def library(self, kernel: str, function: str = "") -> Library:
         """Return the library with a C function of a kernel, such as "energy_batch", one of those that ``meta`` names.
 
         Without a name it is the one with the functions for one state.
         """
+        return self._only
 
     def about(self, kernel: str) -> Mapping[str, Any]:
         """Return the metadata of what a kernel is compiled from, which may be derived for that, but is not compiled."""
-
-    def source(self, file: str) -> str:
-        """Return the text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
-
-    def together(self, kernels: tuple[str, ...]) -> Libraries:
-        """Return libraries with these kernels in one of them."""
-
-
-class Operations(Mapping[str, Mapping[str, int]]):
-    """Operations of the C of kernels, and of "parameters", by kind of operation."""
-
-    def __init__(self, libraries: Libraries) -> None:
-        self._libraries = libraries
-
-    def __getitem__(self, kernel: str) -> Mapping[str, int]:
-        if kernel not in self:
-            raise KeyError(kernel)
-        counts: Mapping[str, int] = self._libraries.about(kernel)["operations"][kernel]
-        return dict(counts)
-
-    def __contains__(self, kernel: object) -> bool:
-        return kernel == SETUP or kernel in self._libraries.meta["kernels"]
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over all but derivatives, of which there are many, and which would have to be derived."""
-        functions = self._libraries.meta["functions"]
-        derived = {name for name, entry in functions.items() if entry["kind"] in DERIVED}
-        return iter((*(name for name in self._libraries.meta["kernels"] if name not in derived), SETUP))
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)
-
-    def __repr__(self) -> str:
-        return f"<operations of {', '.join(self)}>"
-
-
-class OneLibrary:
-    """All functions in one compiled module."""
-
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
-        """Take a package's library by cffi's objects and its metadata; ``read`` gives the text of a file of it."""
-        self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
-
-    def library(self, kernel: str, function: str = "") -> Library:
-        """Return the only library."""
-        return self._library
-
-    def about(self, kernel: str) -> Mapping[str, Any]:
-        """Return the metadata of the package."""
         return self.meta
 
     def source(self, file: str) -> str:
-        """Return the text of a file of the package."""
-        if self._read is None:
+        """Return the text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
+        if self._text_of is None:
             raise FileNotFoundError(file)
-        return self._read(file)
+        return self._text_of(file)
 
-    def together(self, kernels: tuple[str, ...]) -> OneLibrary:
-        """Return these libraries."""
+    def together(self, kernels: tuple[str, ...]) -> Libraries:
+        """Return libraries with these kernels in one of them."""
         return self
 
 

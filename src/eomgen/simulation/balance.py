@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..kernel.complete import Kernel
 from ..kernel.stepping.input_signals import WORKS
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..shown import Shown
 from ..state.drives import has_drives
 from ..state.vectors import prescribed_mask

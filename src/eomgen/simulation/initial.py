@@ -18,7 +18,7 @@ from ..robot.coordinates import force_unit_of, index_of
 from ..robot.mechanism import leading_home
 from ..robot.parameter_names import CUT_BEARINGS, CUTS
 from ..robot.value import Robot
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..scenario.value import Scenario
 from ..state.drives import has_drives, inputs_with, settled
 from ..state.motors import shafts, turn_motors

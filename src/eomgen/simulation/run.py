@@ -43,7 +43,7 @@ from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.internal_states.drives import short_time_notes
 from ..robot.model import build_model, rigid_coordinates, tool_of
 from ..robot.value import MOTOR, Robot
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..scenario.load import as_scenario
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.drives import has_drives

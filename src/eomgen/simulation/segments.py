@@ -28,7 +28,7 @@ from ..kernel.complete import Kernel
 from ..kernel.stepping.reading_inputs import signals_of
 from ..progress import Progress
 from ..robot.value import Robot
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import SUBINTERVALS, TERMS, EnergyBalance, integrated, with_nodes, works

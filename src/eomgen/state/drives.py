@@ -18,8 +18,8 @@ from ..robot.coordinates import force_unit_of
 from ..robot.internal_states.drives import DRIVE, STATES
 from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
+from ..runtime.internal_states import cut_apart
 from ..runtime.raw import name_of
-from ..runtime.rollouts import cut_apart
 from .elements import element_numbers
 from .vectors import state_vector
 

@@ -12,8 +12,8 @@ from ..errors import ArrayError, InputError, IntegrationError, LoopError, Unknow
 from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..robot.sizes import REFERENCE_ACCELERATION
+from ..runtime.bound import WrenchLike
 from ..runtime.singular import inertias
-from ..runtime.wrenches import WrenchLike
 from .drives import DrivesAtRest
 from .internal_states import StatesLike, refuse_moving, state_values
 from .springs import coordinate_sizes, line_rates, stiffnesses

@@ -18,7 +18,7 @@ from ..errors import InputError, UnknownNameError
 from ..kernel.complete import Kernel
 from ..names import listed, nearest_or_all, show, split_state
 from ..robot.internal_states.branches import BRANCHES
-from ..runtime.rollouts import cut_apart
+from ..runtime.internal_states import cut_apart
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector

@@ -12,7 +12,7 @@ from ..errors import ArrayError
 from ..identifiers import are_names, check_kind
 from ..kernel.complete import Kernel
 from ..runtime.arrays import numbers_in
-from ..runtime.wrenches import WrenchLike
+from ..runtime.bound import WrenchLike
 
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
 WrenchFunction = Callable[[float, Array, Array], WrenchLike]  # (t, q, v) -> (links, 6), or by frame and link

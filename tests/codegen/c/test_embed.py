@@ -16,8 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.c.library import included_files
-from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_files
+from eomgen.codegen.package.compile import FLAGS, NATIVE, carried_contents
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import Options
 from eomgen.runtime.levels import BASE
@@ -380,5 +379,6 @@ def test_the_committed_sample_is_current(tmp_path: Path) -> None:
 
     assert texts(sample) == texts(made)
     codes = ("one_link.c", "one_link_batch.c")
-    carried = {*carried_files(), *included_files(*(texts(sample)[file] for file in codes))}
-    assert set(texts(sample)) == {*carried, *codes, "__init__.py", "one_link.h", "one_link.json"}
+    files = texts(sample)
+    carried = carried_contents(json.loads(files["one_link.json"]), *(files[file] for file in codes))
+    assert set(files) == {*carried, *codes, "__init__.py", "one_link.h", "one_link.json"}

@@ -503,7 +503,7 @@ def moved(source: Source, model: Model, folder: Path, flags: tuple[str, ...]) ->
     except subprocess.CalledProcessError:
         pytest.skip("this compiler fills no locals")
     write_package(source, compiler, compile_flags(compiler, False, (), level), folder / source.name, level)
-    write_files(folder / source.name, carried_contents())
+    write_files(folder / source.name, carried_contents(json.loads(source.meta)))
     np.savez(folder / watched_calls.STATES, **states_of(model))
     environment, results = {**os.environ, "ASAN_OPTIONS": "detect_leaks=0"}, folder / "results.npz"
     if MEMORY[1] in flags:

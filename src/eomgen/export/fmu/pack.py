@@ -32,7 +32,7 @@ from eomgen.pipeline.stages import make_source
 from eomgen.progress import StageReport, no_report, tells_at_prompt
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.parameters import FADING
+from eomgen.runtime.parameter_conditions import FADING
 
 from ...codegen.kernels.derived import METHODS as PROGRAMS_OF_METHODS
 from ...codegen.kernels.entries import JOINED

@@ -14,9 +14,9 @@ from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
 from ...runtime.bound import frame_number
 from ...runtime.calls import Calls
-from ...runtime.parameters import parameter_slots
 from ...runtime.raw import Array, Method, name_of
 from ..functions import KernelWithMethods
+from ..slots import parameter_slots
 
 ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
 BY_PARAMETERS = "parameter_"

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError, LoopError
 from ...names import listed, show
 from ...runtime.calls import Calls
-from ...runtime.many_steps import rollout, wrong_state
-from ...runtime.parameters import parameter_slots
+from ...runtime.internal_states import cut_apart, wrong_state
+from ...runtime.many_steps import rollout
 from ...runtime.raw import FFI, Array, Library, RawFunction
-from ...runtime.rollouts import Inputs, RolloutArrays, allocate_states, cut_apart, read_arrays
+from ...runtime.rollouts import Inputs, RolloutArrays, allocate_states, read_arrays
 from ..kernel_methods import KernelMethods
+from ..slots import parameter_slots
 from .adaptive import DONE, adaptive_rollout
 from .input_signals import BACK, Slopes
 from .input_slopes import DifferentiatedInputs

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ...errors import ArrayError, InputError
 from ...names import listed, show
-from ...runtime.arrays import shape_or_type
 from ...runtime.calls import Calls
+from ...runtime.internal_states import behind, cut_apart, joined_inputs, padded, taken_apart
 from ...runtime.many_steps import rollout
 from ...runtime.raw import Array
-from ...runtime.rollouts import Control, Inputs, Rollout, behind, cut_apart, joined_inputs, padded, taken_apart
+from ...runtime.rollouts import Control, Inputs, Rollout
 from ..functions import KernelWithMethods
 from .adaptive import adaptive_rollout
 from .gradients import NAMES, Loss, rollout_gradient
@@ -283,7 +283,7 @@ def _joined_loss(calls: Calls, loss: LossApart) -> Callable[[Array, Array, Array
         arrays = []
         for label, array, of in zip(LABELS, by, apart, strict=True):
             if np.shape(array) != of.shape:
-                raise ArrayError(f"loss: {label} has {shape_or_type(array)}; expected shape {of.shape}")
+                raise ArrayError(f"loss: {label} has {_shape_or_type(array)}; expected shape {of.shape}")
             arrays.append(np.asarray(array))
         by_q, by_v, by_z = arrays
         return value, by_q, np.concatenate([by_v, by_z], axis=-1)
@@ -320,3 +320,11 @@ def _joined_directions(calls: Calls, along: Mapping[str, ArrayLike]) -> dict[str
                 raise ArrayError(f"along: {name} has shape {np.shape(given[name])}; expected {what}")
         joined["v"] = behind(calls, ("v", given["v"], n), ("z", given["z"], m))
     return joined
+
+
+def _shape_or_type(value: Any) -> str:
+    """Say what an argument is: its shape, or its type where it has none."""
+    try:
+        return f"shape {np.shape(value)}"
+    except ValueError:
+        return type(value).__name__

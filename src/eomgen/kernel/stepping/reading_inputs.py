@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ...runtime.arrays import numbers_in
+from ...runtime.bound import place_of_wrench, wrench_numbers, wrench_rows
 from ...runtime.calls import Calls
-from ...runtime.wrenches import place_of_wrench, wrench_numbers, wrench_rows
 from .input_signals import DriveData, InputSignals, LinkWrench, ModelDrive, Signal, Track, Waves
 from .saturation import check_efforts, shared_drives, with_efforts
 

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ...runtime.calls import Calls
-from ...runtime.many_steps import wrong_state
-from ...runtime.parameters import parameter_slots
+from ...runtime.internal_states import wrong_state
 from ...runtime.raw import FFI, Array
 from ...runtime.rollouts import Inputs, allocate_states, shape_of
+from ..slots import parameter_slots
 from .gradients import Motion, Steps, stopped, taken_steps
 from .input_signals import ALONG
 from .input_slopes import DifferentiatedInputs

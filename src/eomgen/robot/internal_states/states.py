@@ -22,7 +22,7 @@ class State:
         unit: of the laws of translations and of rotations.
         size: numbers -> what tolerances refer to.
         is_bounded: whether its law keeps it within a bound, which long steps of explicit methods may leave
-            (``runtime.many_steps.BOUNDS``).
+            (``runtime.internal_states.BOUNDS``).
         inertia: numbers, or scalars of a program in their places -> w, where the state stores w z^2 / 2; None of one
             that stores no energy, as integrals, filters and lags.
     """
