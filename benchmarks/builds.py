@@ -1,4 +1,4 @@
-"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
+"""Cost of starts, first builds and packages: ``python -m benchmarks.builds [--packages] [--rounds N] [ROBOT ...]``.
 
 All of them take turns, each in a process; caches are empty where nothing else is said; the least of all rounds counts.
 """
@@ -8,11 +8,12 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -26,6 +27,7 @@ from eomgen.pipeline.stages import derive, describe, make_package, tools_for
 
 from .bars import Bar, conclusion
 from .peers.cases import URDFS, case
+from .size import CODE, PYTHON, size_of
 
 PAGE = Path(__file__).parents[1] / "docs" / "builds.md"
 STARTS: Mapping[str, tuple[str, ...]] = {
@@ -89,6 +91,15 @@ here, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resour
 memory = [x.ru_maxrss / 1024 for x in (here, others)]
 print(json.dumps([here.ru_utime + here.ru_stime, others.ru_utime + others.ru_stime, max(memory)]))
 """
+PACKAGES: Mapping[str, float] = {"one_link": 4.0, "ur5": 7.0, "puma560_elastic": 24.0}  # s of processors at most
+CLOCK = 2 / 3  # of that, on the clock
+IMPORT = """
+import sys, time, numpy
+sys.path.insert(0, sys.argv[1])
+begin = time.perf_counter()
+__import__(sys.argv[2])
+print(time.perf_counter() - begin)
+"""
 HEAD = """# What a first build costs
 
 A kernel is derived and compiled when it is first called, and comes from the cache from then on; its functions for
@@ -102,6 +113,10 @@ Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the
 Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
 dynamics and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name. In brackets
 stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep}.
+
+Packages are those of `eomgen generate ROBOT` with an empty cache, from the start of the process to a package that
+imports. CPU is the time of all processors, compilers included; budgets of both times stand in brackets. Lines and kB
+are those of sources in the package. Its import is timed behind that of NumPy.
 """
 
 
@@ -172,6 +187,51 @@ def _timed_in(folder: str, words: Sequence[str]) -> tuple[Cost, str]:
 
 
 @dataclass(frozen=True)
+class Package:
+    """What a package of ``eomgen generate`` cost, s, how large its sources are, and how long its import takes, ms."""
+
+    robot: str
+    cpu: float
+    wall: float
+    lines: int
+    python_lines: int
+    kilobytes: float
+    import_ms: float
+
+    def bars(self) -> tuple[Bar, Bar]:
+        """Return what is required of the time of processors and of that on the clock."""
+        most = PACKAGES[self.robot]
+        return (
+            Bar(f"package {self.robot}, CPU, s", self.cpu, most, at_most=True),
+            Bar(f"package {self.robot}, clock, s", self.wall, round(CLOCK * most, 2), at_most=True),
+        )
+
+
+def package(robot: str) -> Package:
+    """Generate a package with an empty cache, and import it.
+
+    Raises:
+        subprocess.CalledProcessError: one of both failed, and has said why.
+    """
+    with tempfile.TemporaryDirectory(prefix="eomgen-builds-") as folder:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        cost, _ = _timed_in(folder, ("-m", "eomgen", "generate", robot, "-o", "{folder}/packages"))
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        files = [path for path in Path(folder, "packages", robot).rglob("*") if path.suffix in CODE]
+        sizes = {path: size_of(path.name, path.read_bytes()) for path in files}
+        imports = [float(_timed_in(folder, ("-c", IMPORT, "{folder}/packages", robot))[1]) for _ in range(3)]
+    return Package(
+        robot,
+        after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+        cost.wall,
+        sum(size.lines for size in sizes.values()),
+        sum(size.lines for path, size in sizes.items() if path.suffix in PYTHON),
+        sum(size.bytes for size in sizes.values()) / 1000,
+        1000.0 * min(imports),
+    )
+
+
+@dataclass(frozen=True)
 class Built:
     """A build of a robot: what was built, and the cheapest round of it."""
 
@@ -196,6 +256,7 @@ class Report:
     deep: int
     starts: Mapping[str, float]
     builds: tuple[Built, ...]
+    packages: tuple[Package, ...] = ()
 
     def write(self, path: Path) -> None:
         """Write it as JSON, hundredths of seconds and whole MB."""
@@ -208,7 +269,8 @@ def read(path: Path) -> Report:
     """Return the report of a JSON file."""
     values = json.loads(path.read_text(encoding="ascii"))
     built = tuple(Built(**{**each, "cost": Cost(**each["cost"])}) for each in values.pop("builds"))
-    return Report(**values, builds=built)
+    packages = tuple(Package(**each) for each in values.pop("packages", ()))
+    return Report(**values, builds=built, packages=packages)
 
 
 def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
@@ -235,7 +297,14 @@ def measure(robots: Sequence[str], rounds: int, deep: int) -> Report:
         {name: min(cost.wall for cost in costs) for name, costs in starts.items()}
         | {SELF_TEST: min(self_test() for _ in range(rounds))},
         tuple(Built(*key, min(costs, key=lambda cost: cost.wall)) for key, costs in builds.items()),
+        measure_packages(rounds),
     )
+
+
+def measure_packages(rounds: int) -> tuple[Package, ...]:
+    """Generate packages in turns; of each the round with the least time of processors counts."""
+    turns = [[package(robot) for robot in PACKAGES] for _ in range(rounds)]
+    return tuple(min(each, key=lambda made: made.cpu) for each in zip(*turns, strict=True))
 
 
 def page(report: Report) -> str:
@@ -255,7 +324,13 @@ def page(report: Report) -> str:
         clock, memory = [f" {bar.brackets}" for bar in built.bars()] or ("", "")
         numbers = f"{cost.wall:.2f}{clock} | {cost.python:.2f} | {cost.compilers:.2f} | {cost.memory:.0f}{memory}"
         lines.append(f"| {os.path.basename(built.robot)} | {built.what} | {numbers} |")
-    bars = [bar for built in report.builds for bar in built.bars()]
+    lines += ["", "| package | CPU, s | clock, s | lines | of Python | kB | import, ms |"]
+    lines += ["|---|---:|---:|---:|---:|---:|---:|"]
+    for made in report.packages:
+        cpu, clock = (bar.brackets for bar in made.bars())
+        sizes = f"{made.lines:,} | {made.python_lines:,} | {made.kilobytes:.0f} | {made.import_ms:.0f}"
+        lines.append(f"| {made.robot} | {made.cpu:.2f} {cpu} | {made.wall:.2f} {clock} | {sizes} |")
+    bars = [bar for each in (*report.builds, *report.packages) for bar in each.bars()]
     said = ["", conclusion(bars)] if bars else []
     return head + "\n" + "\n".join([*lines, *said]) + "\n"
 
@@ -267,10 +342,13 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--rounds", type=int, default=3, help="turns of each (3)")
     parser.add_argument("--deep", type=int, default=1, help="builds of derivatives, minutes each (1)")
     parser.add_argument("--page", action="store_true", help="write the page from the .json beside it, without timing")
+    parser.add_argument("--packages", action="store_true", help="measure packages alone; other figures stay")
     parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
     options = parser.parse_args(words)
     kept = options.output.with_suffix(".json")
-    if not options.page:
+    if options.packages:
+        replace(read(kept), packages=measure_packages(options.rounds)).write(kept)
+    elif not options.page:
         measure(options.robots or ROBOTS, options.rounds, options.deep).write(kept)
     options.output.write_text(page(read(kept)), encoding="ascii")
     return 0

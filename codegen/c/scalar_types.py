@@ -6,6 +6,7 @@ import math
 import re
 import textwrap
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from eomgen.errors import InputError
 from ..tree.traced import Traced, origin_of
 from .wrapping import COLUMNS
 
-UNKNOWN = "constant of the equations: of a threshold, a series, bending modes or a measured curve"
+UNKNOWN = "constant of the equations: a threshold, or a coefficient of a series"
 
+LARGEST = 64  # denominator of a factor of a formula
 DIGITS = 4  # of literals that stand in expressions; longer ones are named
 
 
@@ -31,8 +33,11 @@ class Constants:
         if len(re.sub(r"e.*|[^\d]", "", literal).strip("0")) <= DIGITS:
             return literal
         name = self._names.setdefault(literal, f"EOM_C{len(self._names)}")
-        if isinstance(number, Traced) and name not in self._origins:
-            self._origins[name] = origin_of(-number if number < 0.0 else number)
+        if name not in self._origins:
+            positive = -number if number < 0.0 else number
+            origin = origin_of(positive) if isinstance(positive, Traced) else _ratio(positive)
+            if origin:
+                self._origins[name] = origin
         return name
 
     def definitions(self, code: str) -> str:
@@ -45,12 +50,18 @@ class Constants:
         )
 
 
+def _ratio(number: float) -> str:
+    """Write a factor of a formula, such as 1 / 6, as a quotient; return nothing of another number."""
+    ratio = Fraction(number).limit_denominator(LARGEST)
+    return f"{float(ratio.numerator)} / {float(ratio.denominator)}" if float(ratio) == number else ""
+
+
 def _definition(name: str, literal: str, origin: str) -> str:
     line = f"#define {name} {literal} /* {origin} */"
     if len(line) <= COLUMNS:
         return f"{line}\n"
-    comment = textwrap.fill(f"/* {origin} */", COLUMNS, subsequent_indent=" * ", break_long_words=False)
-    return f"{comment}\n#define {name} {literal}\n"
+    comment = textwrap.fill(f"/* {origin}", COLUMNS - 3, subsequent_indent=" * ", break_long_words=False)
+    return f"{comment} */\n#define {name} {literal}\n"
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,11 @@ from .source import Source, environment
 from .wrapping import wrapped
 
 CONSTANTS = "/* constants */\n"  # a line of templates/kernel/opening.c.jinja
+NOTES = {  # in front of the constants, by a word in their comments
+    "": "Numbers of the description, and what comes of them.",
+    "integral": "phi1: deflection by mode 1; psi12: second derivative by modes 1 and 2; x, y, z: the place at rest.",
+    "Chebyshev": "A coefficient i is the factor of T_i(2 s / length - 1), with s from the root of the beam.",
+}
 DECLARATIONS = "kernel/declarations.jinja"
 
 
@@ -52,8 +57,9 @@ def render(equations: Equations, *, batches: bool = True, scalar: bool = False, 
 def _with_constants(code: str, constants: Constants) -> str:
     """Put definitions of the constants that code uses behind what it includes."""
     defined = constants.definitions(code)
-    note = "\n/* Numbers of the description, and what comes of them. */\n" if defined else ""
-    return _tidy(code.replace(CONSTANTS, f"{note}{defined}", 1))
+    notes = [text for word, text in NOTES.items() if word in defined]
+    opening = f"\n/* {' '.join(notes)} */\n" if defined else ""
+    return _tidy(code.replace(CONSTANTS, f"{opening}{defined}", 1))
 
 
 def _tidy(code: str) -> str:

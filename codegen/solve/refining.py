@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..tree.spatial import Scalar
+from ..tree.traced import Traced
 from .responses import Tree, total
 from .rows import PRECISIONS, Precision, Row, RowSystem, Sparse
 
@@ -192,7 +193,7 @@ def _round_off(
             squares = squares + (arm * arm) * (a[i] * a[i] + (v[i] * v[i]) * (v[i] * v[i]))
         terms[rows[r].group] = terms.get(rows[r].group, 0.0) + squares
     roots = {group: call("sqrt", x) for group, x in terms.items()}
-    return {r: (share * _signed(k)) * roots[rows[r].group] for k, r in enumerate(kept)}
+    return {r: _share(share, k, "constraint row") * roots[rows[r].group] for k, r in enumerate(kept)}
 
 
 def _round_off_of_forces(
@@ -213,12 +214,13 @@ def _round_off_of_forces(
     forces: Sparse = {}
     for (group, i), size in squares.items():
         forces[i] = forces.get(i, 0.0) + size * loads[group]
-    return {i: (share * _signed(k)) * call("sqrt", forces[i]) for k, i in enumerate(sorted(forces))}
+    return {i: _share(share, k, "coordinate") * call("sqrt", forces[i]) for k, i in enumerate(sorted(forces))}
 
 
-def _signed(place: int) -> float:
-    """Return a number near 1 or -1, another one at every place."""
-    return (-1.0) ** place * (0.9 + 0.2 * ((0.618 * place) % 1.0))
+def _share(share: float, place: int, of: str) -> float:
+    """Return about a share or the negative of it, another number at every place."""
+    size = share * (0.9 + 0.2 * ((0.618 * place) % 1.0))
+    return (-1.0) ** place * Traced(size, f"round-off of {of} {place + 1} of loops, as a share of its terms")
 
 
 def _squares(values: Iterable[Scalar]) -> Scalar:

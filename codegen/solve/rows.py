@@ -24,6 +24,7 @@ from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..tree.spatial import Scalar, along, is_zero
+from ..tree.traced import Traced
 
 Sparse = dict[int, Scalar]
 
@@ -231,7 +232,8 @@ class RowSystem:
         total: Scalar = 0.0
         for r, pivot in zip(self.order, self.pivots, strict=True):
             if r in self.added:
-                total = total + call("step", (share / self.precision.added) * self.added[r] - pivot)
+                least = Traced(share / self.precision.added, "least pivot of a constraint row, as a share of its group")
+                total = total + call("step", least * self.added[r] - pivot)
         return total
 
     def dependent(self) -> Scalar:

@@ -8,7 +8,7 @@ equations and generated code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -258,7 +258,7 @@ def bind(
     laws, armature = binder.laws()
     return Bound(
         bodies=tuple(
-            BoundBody(p, h, _modal(robot.link(body.name), poses[body.name][1]))
+            BoundBody(p, h, binder.modal(robot.link(body.name), poses[body.name][1]))
             for p, h, body in zip(placements, inertias, model.bodies, strict=True)
         ),
         coms=coms,
@@ -338,6 +338,10 @@ class _Binder:
 
     def _named(self, number: Scalar, what: str) -> Scalar:
         return self.named(number, what) if type(number) is float and number not in (0.0, 1.0, -1.0) else number
+
+    def modal(self, link: Link, pose: Pose) -> Modal | None:
+        """Return the constants of a link's modes in its body's axes; None of a rigid one."""
+        return None if link.modes is None else constants_of(link.name, link.modes, pose.rotation, self._named)
 
     def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
         return vec3(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
@@ -477,7 +481,10 @@ class _Binder:
                     row[place(name)] = -PER_RADIAN * self.value(coupling.pitch_name, coupling.pitch)
             offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
             if coupling.law is None:
-                bends = {(place(one), place(other)): bend for one, other, bend in coupling.bends}
+                bends = {
+                    (place(one), place(other)): self._named(bend, f"{prefix}, second derivative by {one} and {other}")
+                    for one, other, bend in coupling.bends
+                }
                 couplings.append(BoundCoupling(row, offset, None, bends))
             elif coupling.name in acting:
                 couplings.append(BoundCoupling(row, offset, self._bound_law(prefix, coupling.law)))
@@ -543,7 +550,10 @@ class _Binder:
     def _bound_law(self, prefix: str, coordinate: Coordinate) -> BoundLaw:
         stiffness = 0.0 if _is_bent(coordinate) else self.value(f"{prefix}.stiffness", coordinate.stiffness or 0.0)
         damping = self.value(f"{prefix}.damping", coordinate.damping or 0.0)
-        return BoundLaw(stiffness, damping, self._law(prefix, coordinate), _knots(coordinate))
+        return BoundLaw(stiffness, damping, self._law(prefix, coordinate), self._knots(prefix, _deviations(coordinate)))
+
+    def _knots(self, prefix: str, deviations: Iterable[float]) -> tuple[float, ...]:
+        return tuple(self._named(x, f"{prefix}.curve.{i}.deviation") for i, x in enumerate(deviations))
 
     def elements(self, table: str, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundElement, ...]:
         """Bind the force elements of one table, each with its ends in the bodies' frames."""
@@ -559,7 +569,8 @@ class _Binder:
                 ends.append((body, self.rounded(pose @ at, f"{name} in its body")))
             law = {**dict.fromkeys(KINDS[table].ALWAYS, 0.0), **element.law()}
             numbers = self._values(element.prefix, law)
-            elements.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, element.knots()))
+            knots = self._knots(element.prefix, element.knots())
+            elements.append(BoundElement(element.name, element.links, (ends[0], ends[1]), numbers, knots))
         return tuple(elements)
 
     def laws(self) -> tuple[tuple[BoundLaw, ...], tuple[Scalar, ...]]:
@@ -573,15 +584,14 @@ class _Binder:
         }
         laws, armatures = list[BoundLaw](), list[Scalar]()
         for (name, prefix, coordinate), law in zip(self._coordinates(), numbers, strict=True):
+            knots = self._knots(prefix, _deviations(coordinate))
             if name == MOTOR:
-                laws.append(BoundLaw(0.0, 0.0, law, _knots(coordinate)))
+                laws.append(BoundLaw(0.0, 0.0, law, knots))
                 armatures.append(self.value(f"{prefix}.inertia", coordinate.armature or 0.0))
                 continue
             keys = ("stiffness", "damping", "armature")
             k, c, armature = (self.value(f"{prefix}.{key}", getattr(coordinate, key) or 0.0) for key in keys)
-            laws.append(
-                BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, _knots(coordinate), carriers.get(prefix, ()))
-            )
+            laws.append(BoundLaw(0.0 if _is_bent(coordinate) else k, c, law, knots, carriers.get(prefix, ())))
             armatures.append(armature)
         for x in self.model.states:  # their forces are laws of others
             laws.append(BoundLaw(0.0, 0.0))
@@ -617,14 +627,9 @@ class _Binder:
                 yield kind, f"joints.{owner}.{kind}", coordinate
 
 
-def _modal(link: Link, pose: Pose) -> Modal | None:
-    """Return the constants of a link's modes in its body's axes; None of a rigid one."""
-    return None if link.modes is None else constants_of(link.modes, pose.rotation)
-
-
-def _knots(coordinate: Coordinate) -> tuple[float, ...]:
-    """Return the deviations of a coordinate's curve."""
-    return tuple(deviation for deviation, _ in coordinate.curve or ())
+def _deviations(coordinate: Coordinate) -> Iterator[float]:
+    """Yield those of a coordinate's curve."""
+    return (deviation for deviation, _ in coordinate.curve or ())
 
 
 def _is_bent(coordinate: Coordinate) -> bool:

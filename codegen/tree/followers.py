@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from eomgen.names import joint_of
 from eomgen.robot.model import Model, with_offset_angles
 from eomgen.robot.value import SlidingShapes
 from eomgen.robot.value.sliding import chebyshev, combined, derivative
@@ -17,6 +18,7 @@ from eomgen.robot.value.sliding import chebyshev, combined, derivative
 from .bound import Bound
 from .composite import Rows
 from .spatial import Scalar, add_row, is_zero
+from .traced import Traced
 
 Shares = dict[int, Scalar]  # of a follower by its leaders' indices
 
@@ -54,7 +56,7 @@ class Followers:
             if rigid[index].bends:
                 self.bends[index] = rigid[index].bends
             if coupling.sliding is not None:
-                self._sliding[index] = sliding = _Sliding(coupling.sliding, whole.coordinates.index)
+                self._sliding[index] = sliding = _Sliding(name, coupling.sliding, whole.coordinates.index)
                 self.shares[index] = dict.fromkeys((*sliding.modes, *self._behind(sliding.by)), 1.0)
 
     def __bool__(self) -> bool:
@@ -190,15 +192,28 @@ class _Sliding:
     of the sum are c / 2 w^2 and c w w' with w = s_k e_k: as many operations as modes, not as pairs of them.
     """
 
-    def __init__(self, shapes: SlidingShapes, index: Callable[[str], int]) -> None:
-        self.by, self.degree, self.rate = index(shapes.by), shapes.degree, 2.0 / shapes.length
+    def __init__(self, name: str, shapes: SlidingShapes, index: Callable[[str], int]) -> None:
+        length = Traced(shapes.length, f"links.{joint_of(shapes.modes[0])}.beam.length")
+        self.by, self.degree, self.rate = index(shapes.by), shapes.degree, 2.0 / length
         self.modes = tuple(map(index, shapes.modes))
-        self.first = {index(name): series for name, series in shapes.first}
-        self.slopes = [(c, {index(name): series for name, series in group}) for c, group in shapes.slopes]
-        self.second: dict[tuple[int, int], tuple[float, ...]] = {}
-        for name, other, series in shapes.second:
-            i, j = index(name), index(other)
-            self.second[min(i, j), max(i, j)] = series
+        self.first = {index(x): self._orders(f"shape of {x} in {name}", series) for x, series in shapes.first}
+        self.slopes = [
+            (c, {index(x): self._orders(f"slope of {x} in {name}", series) for x, series in group})
+            for c, group in shapes.slopes
+        ]
+        self.second: dict[tuple[int, int], Sequence[float]] = {}
+        for x, other, series in shapes.second:
+            i, j = index(x), index(other)
+            self.second[min(i, j), max(i, j)] = self._orders(f"shape of {x} and {other} in {name}", series)[0]
+
+    def _orders(self, what: str, series: Sequence[float]) -> list[list[float]]:
+        """Return the coefficients of a function and of its two derivatives by s, with names."""
+        orders, factor = list[list[float]](), 1.0
+        for order in ("", ", first derivative", ", second derivative"):
+            named = (Traced(factor * x, f"{what}{order}, Chebyshev coefficient {i}") for i, x in enumerate(series))
+            orders.append([x or 0.0 for x in named])
+            series, factor = derivative(series), factor * self.rate
+        return orders
 
     def at(self, q: Sequence[Scalar]) -> _PlaceOnBeam:
         """Return the coordinate where q is."""
@@ -211,7 +226,7 @@ class _Sliding:
                 half[j] = half[j] + (0.5 * entry) * q[i]
         value: Scalar = 0.0
         slopes: dict[int, Scalar] = {}
-        first = {mode: combined(series, T) for mode, series in self.first.items()}
+        first = {mode: combined(series[0], T) for mode, series in self.first.items()}
         for mode in self.modes:
             straight = first.get(mode, 0.0) + half[mode]
             value = value + straight * q[mode]
@@ -234,16 +249,13 @@ class _Sliding:
         return rate, bend, by_modes
 
     def _moved(
-        self, functions: Mapping[int, Sequence[float]], order: int, T: Sequence[Scalar], q: Sequence[Scalar]
+        self, functions: Mapping[int, Sequence[Sequence[float]]], order: int, T: Sequence[Scalar], q: Sequence[Scalar]
     ) -> tuple[Scalar, dict[int, Scalar]]:
         """Return the derivative by s of some order of a sum of functions times modes, and those of the functions."""
         total: Scalar = 0.0
         entries: dict[int, Scalar] = {}
         for mode, series in functions.items():
-            factor = 1.0
-            for _ in range(order):
-                series, factor = derivative(series), factor * self.rate
-            entries[mode] = combined([factor * x for x in series], T)
+            entries[mode] = combined(series[order], T)
             total = total + entries[mode] * q[mode]
         return total, entries
 

@@ -19,6 +19,7 @@ from eomgen.robot.model import Model
 
 from .bound import Bound, BoundBody, BoundElement, Cuts
 from .spatial import ZERO, Mat, Pose, Scalar, about, add, congruence, dot, mat3, matmul, matvec, scale, transpose
+from .traced import Traced
 
 AXIS = 2  # the principal axis
 ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these
@@ -37,6 +38,7 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
             angle = _last_angle(bodies[k].placement.rotation)
             if angle:
                 bodies[k] = replace(bodies[k], placement=_turned(bodies[k].placement, -angle))
+                angle = Traced(angle, f"joints.{body.joint}.placement, angle c of Rz(a) Rx(b) Rz(c)")
                 offsets[body.indices[-1]] += angle
         if not _plain(bodies, children):
             continue
@@ -52,6 +54,7 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
                 by = Pose(_about_z(angle), ZERO)
                 _move(bodies, k, children, by, placed=False)
                 elements, cuts = _elements_moved(elements, k, by), _cuts_moved(cuts, k, by)
+                angle = Traced(angle, f"frame of {body.joint}, angle about z that leaves fewest terms")
                 offsets[body.indices[-1]] += angle
                 if not children:
                     x, _, z = bodies[k].inertia.first

@@ -14,9 +14,10 @@ Research 3(3), 1984; his rotations 1 + e_k M_k of what stands on a link are thos
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.value import LinkModes
 
 from .spatial import (
@@ -39,6 +40,7 @@ from .spatial import (
 )
 
 NONE: Mat = (ZERO, ZERO, ZERO)
+AXES = tuple(enumerate("xyz"))
 ROUND_OFF = 1e-13  # of modal masses, as a part of those on the diagonal
 
 
@@ -121,19 +123,28 @@ class Bent:
                 yield i, self.indices[j], self.modal.masses[k][j]
 
 
-def constants_of(modes: LinkModes, rotation: Mat) -> Modal:
-    """Return a link's constants in axes in which its own have this rotation."""
+def constants_of(link: str, modes: LinkModes, rotation: Mat, named: Callable[[float, str], float]) -> Modal:
+    """Return a link's constants in axes in which its own have this rotation, each named by its integral."""
+    where = f"links.{link}" + ("" if rotation == IDENTITY else " in axes of its joint")
 
-    def moment(rows: Sequence[Sequence[float]]) -> Moment:
-        block, row = mat3(rows[:3]), vec3(rows[3]) if len(rows) > 3 else ZERO
-        return Moment(block, row).turned(rotation)
+    def name(number: float, integrand: str) -> float:
+        return named(number, f"integral({integrand} dm, {where})")
+
+    def moment(rows: Sequence[Sequence[float]], left: str, right: str) -> Moment:
+        raw = Moment(mat3(rows[:3]), vec3(rows[3]) if len(rows) > 3 else ZERO).turned(rotation)
+        block = mat3([name(raw.block[i][j], f"{left}{x} {right}.{y}") for j, y in AXES] for i, x in AXES)
+        return Moment(block, vec3(name(raw.row[j], f"{right}.{y}") for j, y in AXES))
 
     m = range(modes.count)
-    P = [[moment(modes.P[k][j]) for j in m] for k in m]
-    squares = tuple(tuple(moment(modes.Q[k][j]) for j in m) for k in m) if modes.Q is not None else ()
+    phi = [f"phi{k + 1}" for k in m]
+    P = [[moment(modes.P[k][j], f"{phi[k]}.", phi[j]) for j in m] for k in m]
+    Q = modes.Q or ()
+    squares = tuple(tuple(moment(x, "", f"psi{k + 1}{j + 1}") for j, x in enumerate(row)) for k, row in enumerate(Q))
     slopes = tuple(tuple(P[j][k] + squares[k][j] if squares else P[j][k] for j in m) for k in m)
     crossed = tuple(tuple(scale(-2.0, antisymmetric(P[j][k].block)) for j in m) for k in m)
-    return Modal(tuple(moment(x) for x in modes.H0), slopes, squares, crossed, _cleaned(modes.masses))
+    clean = _cleaned(modes.masses)
+    masses = tuple(tuple(name(clean[k][j], f"{phi[k]} . {phi[j]}") for j in m) for k in m)
+    return Modal(tuple(map(moment, modes.H0, [""] * len(m), phi)), slopes, squares, crossed, masses)
 
 
 def _cleaned(masses: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import builds, exudyn_peer, rotor
 from benchmarks.bars import Bar, conclusion
-from benchmarks.builds import Cost
+from benchmarks.builds import Cost, Package
 from benchmarks.exudyn_peer import Settings
 from benchmarks.peers.contender import MissingPeer
 from benchmarks.rotor import Row, Run, bars, distance, ratio, row_lines
@@ -28,6 +28,9 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     walls = iter([3.0, 2.0, 9.0, 1.0, 4.0, 8.0])
     monkeypatch.setattr(builds, "STARTS", {"`import numpy`": ("-c", "pass")})
     monkeypatch.setattr(builds, "build", lambda robot, kernels: Cost(wall := next(walls), wall / 2, wall / 4, 50.0))
+    cpu = iter([5.0, 3.0, 4.0])
+    monkeypatch.setattr(builds, "PACKAGES", {"one_link": 4.0})
+    monkeypatch.setattr(builds, "package", lambda robot: Package(robot, next(cpu), 2.8, 7000, 3000, 280.4, 21.6))
     page = tmp_path / "page.md"
     assert builds.main(["one_link", "--rounds", "3", "--output", str(page)]) == 0
     text = page.read_text(encoding="ascii")
@@ -36,9 +39,15 @@ def test_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "| one_link | all kernels | 1.00 | 0.50 | 0.25 | 50 |" in text
     assert "derivatives of" not in text.split("|", 1)[1]  # of some robots alone
     assert "the least of\n3 rounds in turns" in text
+    assert "| one_link | 3.00 (4) | 2.80 (2.67, missed) | 7,000 | 3,000 | 280 | 22 |" in text
+    assert "Required figures that are missed: package one_link, clock, s (2.8 of 2.67)." in text
     page.write_text("")
     assert builds.main(["--page", "--output", str(page)]) == 0
     assert page.read_text(encoding="ascii") == text
+    monkeypatch.setattr(builds, "package", lambda robot: Package(robot, 2.5, 2.0, 7000, 3000, 280.4, 21.6))
+    assert builds.main(["--packages", "--rounds", "1", "--output", str(page)]) == 0
+    assert page.read_text(encoding="ascii").startswith(text[: text.index("| one_link | 3.00 (4)")])
+    assert "| one_link | 2.50 (4) | 2.00 (2.67) |" in page.read_text(encoding="ascii")
 
 
 def test_the_committed_page_is_that_of_the_last_run() -> None:
@@ -54,6 +63,7 @@ def test_what_is_to_hold_stands_beside_it(monkeypatch: pytest.MonkeyPatch) -> No
         return Cost(7.0, 2.0, 9.0, 400.0)
 
     monkeypatch.setattr(builds, "STARTS", {})
+    monkeypatch.setattr(builds, "PACKAGES", {})
     monkeypatch.setattr(builds, "build", build)
     text = builds.page(builds.measure(["ur5"], 3, 1))
     assert "| ur5 | derivatives of the dynamics | 7.00 (5, missed) | 2.00 | 9.00 | 400 (2000) |" in text
@@ -69,6 +79,16 @@ def test_a_build_in_a_process_of_its_own() -> None:
     assert cost.wall > cost.python > 0.0
     assert cost.compilers > 0.0
     assert cost.memory > 1.0
+
+
+@pytest.mark.soak
+def test_a_package_that_imports() -> None:
+    made = builds.package("one_link")
+    assert made.cpu > 0.1
+    assert made.wall > 0.1
+    assert made.lines > made.python_lines > 100
+    assert 10.0 < made.kilobytes < 300.0
+    assert 0.0 < made.import_ms < 5000.0
 
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
