@@ -85,10 +85,7 @@ class Page extends Shell {
           const target = value;
           simulation.hold();
           simulation.targets[i] = target;
-          this.driving = true; // the others stay where they are
-          settings.put("drive", "target");
-          data.drives.forEach((other, k) => { if (k !== i) settings.put(`target.${other.label}`, Number(shown(simulation.targets[k], 5))); });
-          this.driving = false;
+          this.showTargets(i); // the others stay where they are
         }
       });
       if (data.control !== "pd") return;
@@ -149,10 +146,16 @@ class Page extends Shell {
     if (mode === "cycle") simulation.tour();
     else if (mode === "target") {
       simulation.hold();
-      this.driving = true;
-      this.data.drives.forEach(({ label }, k) => this.settings.put(`target.${label}`, Number(shown(simulation.targets[k], 5))));
-      this.driving = false;
+      this.showTargets();
     } else simulation.drive = mode;
+  }
+
+  /** Drives go to targets: sliders of these, but that of the one that was moved, to where they are. */
+  showTargets(own = -1) {
+    this.driving = true;
+    this.settings.put("drive", "target");
+    this.data.drives.forEach(({ label }, k) => { if (k !== own) this.settings.put(`target.${label}`, Number(shown(this.simulation.targets[k], 5))); });
+    this.driving = false;
   }
 
   setParameter(name) {
