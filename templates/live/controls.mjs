@@ -2,6 +2,9 @@
 
 import { parsed, shown, sliderScale } from "#live/numbers";
 
+/** The element of the page with this id. */
+export const by = (id) => document.getElementById(id);
+
 /** An element with attributes and children; texts are texts, never markup. */
 export function element(tag, attributes = {}, ...children) {
   const found = document.createElement(tag);

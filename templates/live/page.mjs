@@ -2,13 +2,11 @@
 
 import { description, load } from "#live/kernel";
 import { drawChart } from "#live/chart";
-import { choice, element, group, slider, toggle } from "#live/controls";
-import { addShare, addTheme } from "#live/head";
+import { by, choice, element, group, slider, toggle } from "#live/controls";
+import { Shell } from "#live/head";
 import { bytesOf, doublesOf, shown } from "#live/numbers";
 import { plotsOf } from "#live/plots";
 import { moved } from "#live/poses";
-import { Scene } from "#live/scene";
-import { Settings } from "#live/settings";
 import { between } from "#live/signals";
 import { Simulation, exaggerated } from "#live/simulation";
 
@@ -18,7 +16,6 @@ const KEPT = 1200; // rows of plots
 const SPAN = 10; // s that plots show of what goes on
 const PLOT_PAUSE = 60; // ms between plots
 const SAMPLED = 600; // rows of a recording's plots
-const by = (id) => document.getElementById(id);
 
 async function main() {
   const data = JSON.parse(by("data").textContent);
@@ -30,11 +27,10 @@ async function main() {
   page.begin();
 }
 
-class Page {
+class Page extends Shell {
   constructor(simulation, data) {
+    super(data);
     this.simulation = simulation;
-    this.data = data;
-    this.settings = new Settings();
     this.description = description;
     this.playing = true;
     this.replays = Boolean(data.recorded);
@@ -46,7 +42,6 @@ class Page {
       this.recorded = Object.fromEntries(Object.entries(data.recorded).map(([name, numbers]) => [name, doublesOf(numbers)]));
       this.at = 0;
     }
-    this.scene = new Scene(by("view"), data);
     this.plots = plotsOf(data);
     this.bends = data.deviations.length > 0 && !data.closed; // with loops there is no pose without deviations at hand
     this.defineSettings();
@@ -58,12 +53,10 @@ class Page {
   begin() {
     const refused = this.settings.read(window.location.hash);
     this.reset();
-    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
+    this.refuse(refused);
     this.last = performance.now();
-    this.frame = this.frame.bind(this);
     this.draw();
-    document.documentElement.dataset.ready = "yes";
-    requestAnimationFrame(this.frame);
+    this.ready();
   }
 
   // Settings
@@ -77,7 +70,7 @@ class Page {
     settings.define("exaggeration", data.exaggeration, () => { this.scene.stale = true; }, above(1));
     settings.define("beside", data.closed || !data.drives.length ? "none" : "program", () => { this.scene.stale = true; }, one("program", "rigid", "none"));
     settings.define("paths", true, (on) => Object.values(this.scene.paths).forEach((path) => { path.visible = on; }));
-    addTheme(settings, this.scene);
+    this.addTheme();
     settings.define("compact", false, (on) => {
       document.documentElement.classList.toggle("compact", on);
       by("whole").hidden = !on;
@@ -92,10 +85,7 @@ class Page {
           const target = value;
           simulation.hold();
           simulation.targets[i] = target;
-          this.driving = true; // the others stay where they are
-          settings.put("drive", "target");
-          data.drives.forEach((other, k) => { if (k !== i) settings.put(`target.${other.label}`, Number(shown(simulation.targets[k], 5))); });
-          this.driving = false;
+          this.showTargets(i); // the others stay where they are
         }
       });
       if (data.control !== "pd") return;
@@ -156,10 +146,16 @@ class Page {
     if (mode === "cycle") simulation.tour();
     else if (mode === "target") {
       simulation.hold();
-      this.driving = true;
-      this.data.drives.forEach(({ label }, k) => this.settings.put(`target.${label}`, Number(shown(simulation.targets[k], 5))));
-      this.driving = false;
+      this.showTargets();
     } else simulation.drive = mode;
+  }
+
+  /** Drives go to targets: sliders of these, but that of the one that was moved, to where they are. */
+  showTargets(own = -1) {
+    this.driving = true;
+    this.settings.put("drive", "target");
+    this.data.drives.forEach(({ label }, k) => { if (k !== own) this.settings.put(`target.${label}`, Number(shown(this.simulation.targets[k], 5))); });
+    this.driving = false;
   }
 
   setParameter(name) {
@@ -295,7 +291,6 @@ class Page {
     by("speed").append(...SPEEDS.map((speed) => element("option", { value: speed }, `${speed}`)));
     by("speed").addEventListener("change", () => this.settings.put("speed", by("speed").value));
     this.settings.watch("speed", (value) => { by("speed").value = value; });
-    addShare(this.settings, (text) => this.say(text));
     by("whole").addEventListener("click", () => {
       if (window.self === window.top) this.settings.put("compact", false);
       else window.open(window.location.href.replace(/([#&])compact=true&?/, "$1"), "_blank", "noopener");
@@ -308,7 +303,6 @@ class Page {
       this.at = t[0] + Number(by("scrub").value) * (t[t.length - 1] - t[0]);
       this.changed();
     });
-    window.addEventListener("hashchange", () => this.settings.read(window.location.hash));
     document.addEventListener("keydown", (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, button, summary")) return;
       const done = { " ": () => this.play(!this.playing), ".": () => this.step(), r: () => this.reset() }[event.key];
@@ -614,11 +608,6 @@ class Page {
       const span = this.replays ? [first, rows[rows.length - 1].t] : [first, Math.max(end, first + 0.5)];
       drawChart(canvas, { times: seen.map(({ t }) => t), rows: seen.map(plot.value), names: plot.names, unit: plot.unit, span, cursor: this.replays ? this.at : null });
     }
-  }
-
-  say(text) {
-    by("message").textContent = text;
-    by("message").hidden = !text;
   }
 }
 

@@ -1,35 +1,27 @@
 // The page that shows a robot: a slider for each joint, loops assembled wherever a slider is.
 
-import { element, group, slider } from "#live/controls";
-import { addShare, addTheme } from "#live/head";
+import { by, element, group, slider } from "#live/controls";
+import { Shell } from "#live/head";
 import { Mechanism, NEAR } from "#live/mechanism";
 import { shown } from "#live/numbers";
 import { moved } from "#live/poses";
-import { Scene } from "#live/scene";
-import { Settings } from "#live/settings";
 
-const by = (id) => document.getElementById(id);
 const key = (name) => `q.${name}`;
 
-class View {
+class View extends Shell {
   constructor(data) {
-    this.data = data;
+    super(data);
     this.mechanism = new Mechanism(data);
-    this.settings = new Settings();
     this.held = new Set(data.held);
     this.first = this.mechanism.start(this.held);
     this.q = this.first.q;
-    this.scene = new Scene(by("view"), data);
     this.scene.ghost.root.visible = false;
     this.following = false;
     data.sliders.forEach(({ name, index, low, high }) => {
       const allowed = (value) => value >= low && value <= high;
       this.settings.define(key(name), this.q[index], (value) => this.move(index, value), this.mechanism.closed ? () => true : allowed);
     });
-    addTheme(this.settings, this.scene);
-    addShare(this.settings, (text) => this.say(text));
-    window.addEventListener("hashchange", () => this.read());
-    this.frame = this.frame.bind(this);
+    this.addTheme();
     this.build();
   }
 
@@ -53,14 +45,7 @@ class View {
   begin() {
     this.reset();
     this.read();
-    document.documentElement.dataset.ready = "yes";
-    requestAnimationFrame(this.frame);
-  }
-
-  /** Take the settings of the address; those that it has and the page does not know are said. */
-  read() {
-    const refused = this.settings.read(window.location.hash);
-    if (refused.length) this.say(`The address has settings that this page does not know: ${refused.join(", ")}`);
+    this.ready();
   }
 
   frame() {
@@ -103,11 +88,6 @@ class View {
       element("dt", {}, name),
       element("dd", {}, `${moved(poseOf(link), point).map((x) => x.toFixed(4)).join(", ")} m`),
     ]));
-  }
-
-  say(text) {
-    by("message").textContent = text;
-    by("message").hidden = !text;
   }
 }
 

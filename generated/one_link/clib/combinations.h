@@ -88,7 +88,7 @@ EOM_INLINE REAL F(sum_of_squares)(int n, const REAL *restrict x, const REAL *res
 {
     const int whole = n / 4 * 4;
     REAL sum[4];
-    for (int k = 0; k < 4; ++k) { sum[k] = WHOLE((EOM_SCALAR)0.0); }
+    for (int k = 0; k < 4; ++k) { sum[k] = WHOLE(C(0.0)); }
     for (int block = 0; block < whole; block += 4) {
         for (int k = 0; k < 4; ++k) {
             const REAL scaled = x[block + k] * y[block + k];

@@ -34,7 +34,7 @@ typedef struct {
     double first; /* s */
     double last;
     const EOM(energy_balance) *work;
-    const eom_track *torque;
+    const eom_track *torque; /* forces */
     const eom_tracking *control;
     const eom_computed_torque *model;
     const eom_prescribed *given;

@@ -66,17 +66,17 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
     REAL *restrict const a = &sum[PADDED_TO_BLOCKS(nx)]; /* nv + 3 m, as what loops violate stands behind it */
     work.state = &a[nv + 3 * M_OF(robot->sizes)];
     F(copy)(nx, x, x_here);
-    for (int i = 0; i < nx; ++i) { sum[i] = WHOLE((EOM_SCALAR)0.0); }
+    for (int i = 0; i < nx; ++i) { sum[i] = WHOLE(C(0.0)); }
     for (int stage = 0; stage < 4; ++stage) {
-        const EOM_SCALAR weight = (EOM_SCALAR)6.0 * method->a[4][stage]; /* whole numbers, by which sums are rounded once */
-        const EOM_SCALAR ahead = (stage < 3) ? method->a[stage + 1][stage] : (EOM_SCALAR)0.0;
+        const EOM_SCALAR weight = C(6.0) * method->a[4][stage]; /* whole numbers, by which sums are rounded once */
+        const EOM_SCALAR ahead = (stage < 3) ? method->a[stage + 1][stage] : C(0.0);
 #if !defined(EOM_WITHOUT_LOOPS)
         if ((robot->sizes->has_redundant_rows != 0) && (stage > 0)) { /* redundant rows answer to violations */
             const int opened = F(assemble)(robot, motion->h, x_here, &x_here[nq], work.state, NULL);
             if (opened != 0) { return opened; }
         }
 #endif
-        if (problem->clock.inputs[0] == NULL) { F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], (EOM_SCALAR)0.0, u, NULL, work.state); }
+        if (problem->clock.inputs[0] == NULL) { F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], C(0.0), u, NULL, work.state); }
 #if !defined(EOM_HELD)
         if (problem->clock.inputs[0] != NULL) { F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work); }
 #endif
@@ -91,7 +91,7 @@ EOM_LOCAL int F(rk4_step)(const F(problem) *restrict problem, size_t state, size
             x_here[nq + i] = x[nq + i] + ahead * dt * a[i];
         }
     }
-    for (int i = 0; i < nx; ++i) { x[i] += dt / (EOM_SCALAR)6.0 * sum[i]; }
+    for (int i = 0; i < nx; ++i) { x[i] += dt / C(6.0) * sum[i]; }
     return 0;
 }
 
@@ -115,7 +115,7 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
     times[0] = WHOLE(dt);
     times[1] = WHOLE(dt * dt);
     if (problem->clock.inputs[0] == NULL) {
-        for (int i = 0; i < nu; ++i) { added[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
+        for (int i = 0; i < nu; ++i) { added[i] = (drive->kp == NULL) ? WHOLE(C(0.0)) : WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
         F(held_forces)(motion, state, (size_t)problem->clock.here, step, q, v, dt, u, slope, work.state);
         for (int i = 0; (drive->effort != NULL) && (i < nu); ++i) { added[i] *= slope[i]; }
     }
@@ -126,7 +126,7 @@ EOM_LOCAL int F(implicit_euler_step)(const F(problem) *restrict problem, size_t 
         F(control_gains)(problem, added, slope);
         for (int i = 0; i < nu; ++i) {
             added[i] = dt * (slope[i] + dt * added[i]);
-            slope[i] = WHOLE((EOM_SCALAR)1.0);
+            slope[i] = WHOLE(C(1.0));
         }
         for (int i = 0; i < nq; ++i) { x_end[i] = q[i] + dt * v[i]; }
         for (int i = 0; i < nv; ++i) { x_end[nq + i] = v[i]; }
@@ -208,7 +208,7 @@ EOM_LOCAL long long F(steps)(const F(robot) *restrict robot, const REAL *restric
 #endif
         if ((step + 1U) % every == 0U) {
 #if !defined(EOM_WITHOUT_CHARTS)
-            if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, x, &x[nq], told, &told[nq]); }
+            if (ROTATIONS_OF(sizes) > 0) { F(describe)(sizes, &charts, 0, x, &x[nq], told, &told[nq]); }
 #endif
             F(store)(told, here, rows * (size_t)nq, nq, &q_out[(step + 1U) / every * (size_t)nq]);
             F(store)(&told[nq], here, rows * (size_t)nv, nv, &v_out[(step + 1U) / every * (size_t)nv]);

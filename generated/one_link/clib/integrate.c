@@ -21,25 +21,7 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
     (void)memcpy(y, x, (size_t)n * sizeof *x);
 }
 
-#include "combinations.h"
-#if !defined(EOM_WITHOUT_CHARTS)
-#include "charts.h"
-#endif
-#if !defined(EOM_WITHOUT_LOOPS)
-#include "closed_loops.h"
-#endif
-#include "forces.h"
-#if !defined(EOM_HELD)
-#include "input_forces.h"
-#endif
-#include "fixed_steps.h"
-#if !defined(EOM_FIXED_ONLY)
-#include "adaptive_steps.h"
-#if defined(EOM_HAS_RADAU)
-#include "radau.h"
-#endif
-#include "adaptive_rollouts.h"
-#endif
+#include "steps.h"
 
 #if !defined(EOM_ADAPTIVE_ONLY)
 EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)

@@ -19,25 +19,7 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 }
 
 #define EOM_LANES_HERE
-#include "combinations.h"
-#if !defined(EOM_WITHOUT_CHARTS)
-#include "charts.h"
-#endif
-#if !defined(EOM_WITHOUT_LOOPS)
-#include "closed_loops.h"
-#endif
-#include "forces.h"
-#if !defined(EOM_HELD)
-#include "input_forces.h"
-#endif
-#include "fixed_steps.h"
-#if !defined(EOM_FIXED_ONLY)
-#include "adaptive_steps.h"
-#if defined(EOM_HAS_RADAU)
-#include "radau.h"
-#endif
-#include "adaptive_rollouts.h"
-#endif
+#include "steps.h"
 #undef EOM_LANES_HERE
 
 #if !defined(EOM_ADAPTIVE_ONLY)

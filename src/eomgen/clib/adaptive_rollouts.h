@@ -58,8 +58,12 @@ EOM_LOCAL void F(end_failed)(F(integration) *restrict it, int *restrict some)
     }
 }
 
+/* What steps of Radau IIA do besides. */
 #if defined(EOM_HAS_RADAU)
 #include "radau_control.h"
+#define WITH_RADAU(kind, statements) if ((kind) == RADAU_KIND) { statements; }
+#else
+#define WITH_RADAU(kind, statements)
 #endif
 
 /* Begin with states at their beginning, or go on where progress is. */
@@ -327,7 +331,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     const int kind = eom_error_controls[method].kind;
     F(integration) it;
     F(charts) charts;
-    REAL dt = WHOLE((EOM_SCALAR)1.0);
+    REAL dt = WHOLE(C(1.0));
     double power[STAGES_WITH_POWERS * EOM_WORKS * WIDTH];
     double stiffness = 0.0;
     double *const estimate = ((record == NULL) || (record->stiffness == NULL)) ? NULL : &stiffness;
@@ -346,7 +350,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.progress = progress;
     it.duration = times[samples] - times[0];
     it.method = method;
-    it.diagonal = (EOM_SCALAR)0.0;
+    it.diagonal = C(0.0);
     it.held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     it.dense = ((it.held != 0) && (M_OF(sizes) == 0)) ? 1 : 0;
     it.works = ((ROTATIONS_OF(sizes) == 0) && (inputs != NULL) && (inputs->work != NULL)) ? 1 : 0;
@@ -354,14 +358,9 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
     it.problem.clock.here = here;
     F(carve_integration)(sizes, &it, &work);
     it.step.x = x;
-    for (int i = nx; i < 2 * RATES_OF(sizes); ++i) { x[i] = WHOLE((EOM_SCALAR)0.0); }
+    for (int i = nx; i < 2 * RATES_OF(sizes); ++i) { x[i] = WHOLE(C(0.0)); }
     it.step.inside = NULL;
-#if defined(EOM_HAS_RADAU)
-    if (kind == RADAU_KIND) {
-        F(carve_radau)(sizes, &it.radau, &work);
-        it.step.inside = it.radau.inside;
-    }
-#endif
+    WITH_RADAU(kind, F(carve_radau)(sizes, &it.radau, &work); it.step.inside = it.radau.inside)
     F(begin_motion)(&it, inputs, inputs_step, here);
     for (int l = 0; l < (int)WIDTH; ++l) {
         const long long limit = F(tolerance_of)(&it, l)->most;
@@ -374,9 +373,7 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[nq]);
         F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
-#if defined(EOM_HAS_RADAU)
-    if (kind == RADAU_KIND) { F(resume_radau)(&it.problem, place, progress, &it.radau); }
-#endif
+    WITH_RADAU(kind, F(resume_radau)(&it.problem, place, progress, &it.radau))
     for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         if (F(look_at_clock)(&it, pass) != 0) {
             F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work);
@@ -395,16 +392,12 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         }
         if ((inputs != NULL) && (kind != RADAU_KIND)) { F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
         F(judge_steps)(&it, work.state);
-#if defined(EOM_HAS_RADAU)
-        if (kind == RADAU_KIND) { F(keep_inside)(&it); }
-#endif
+        WITH_RADAU(kind, F(keep_inside)(&it))
         const int inside = F(prepare_inside)(&it, dt, work);
         for (int l = 0; l < (int)WIDTH; ++l) {
             if (it.taken[l] == 0) { continue; }
             F(accept_step)(&it, l, inside, work);
-#if defined(EOM_HAS_RADAU)
-            if ((kind == RADAU_KIND) && (it.halts[l] != 0)) { F(forget_radau)(sizes, &it.radau, l); }
-#endif
+            if (it.halts[l] != 0) { WITH_RADAU(kind, F(forget_radau)(sizes, &it.radau, l)) }
             if (record != NULL) { F(record_step)(&it, l, stiffness, record, work.state); }
             if ((progress[place[l]].sample > samples) && (it.failed[l] == 0)) {
                 progress[place[l]].reason = 1;
@@ -413,24 +406,19 @@ EOM_LOCAL void F(adapt)(const F(robot) *restrict robot, const REAL *restrict h, 
         }
         F(end_failed)(&it, it.taken); /* within a step, where works are integrated */
         if (ROTATIONS_OF(sizes) == 0) { continue; }
-#if defined(EOM_HAS_RADAU)
-        if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 0); }
-#endif
+        WITH_RADAU(kind, F(look_at_charts)(sizes, &charts, &it.radau, 0))
         if (F(change_charts)(sizes, &charts, x, &x[nq]) != 0) {
             for (int l = 0; l < (int)WIDTH; ++l) { it.known[l] = 0; }
-#if defined(EOM_HAS_RADAU)
-            if (kind == RADAU_KIND) { F(look_at_charts)(sizes, &charts, &it.radau, 1); }
-#endif
+            WITH_RADAU(kind, F(look_at_charts)(sizes, &charts, &it.radau, 1))
         }
     }
-#if defined(EOM_HAS_RADAU)
-    if (kind == RADAU_KIND) { F(keep_radau)(&it.problem, place, progress, &it.radau); }
-#endif
+    WITH_RADAU(kind, F(keep_radau)(&it.problem, place, progress, &it.radau))
     if (ROTATIONS_OF(sizes) > 0) {
         F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[nq]);
-        F(describe)(sizes, &charts, x, &x[nq], it.step.x_end, &it.step.x_end[nq]);
+        F(describe)(sizes, &charts, 0, x, &x[nq], it.step.x_end, &it.step.x_end[nq]);
         (void)memcpy(x, it.step.x_end, (size_t)nx * sizeof *x);
     }
 }
 #undef TAKE_EXPLICIT
 #undef TAKE_ROSENBROCK
+#undef WITH_RADAU

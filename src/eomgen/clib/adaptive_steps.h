@@ -99,8 +99,8 @@ EOM_LOCAL void F(put_prescribed_ends)(const F(problem) *restrict problem, const 
         F(put_prescribed)(problem, l, (closed != 0) ? eom_instant_of(problem->clock.end[l]) : F(instant_at)(&problem->clock, l, 1.0), step->x_end, work);
         for (int k = 0; (motions != NULL) && (k < motions->size); ++k) {
             const int i = motions->place[k];
-            LANE_OF(step->error[i], l) = (EOM_SCALAR)0.0;
-            LANE_OF(step->error[nq + i], l) = (EOM_SCALAR)0.0;
+            LANE_OF(step->error[i], l) = C(0.0);
+            LANE_OF(step->error[nq + i], l) = C(0.0);
         }
     }
 }
@@ -124,7 +124,7 @@ EOM_LOCAL void F(power_of_prescribed)(const F(problem) *restrict problem, int st
             rate[i] = LANE_OF(v[i], l);
             second[i] = LANE_OF(a[i], l);
         }
-        for (int i = 0; i < nu; ++i) { none[i] = (EOM_SCALAR)0.0; }
+        for (int i = 0; i < nu; ++i) { none[i] = C(0.0); }
         if (balance->residual != NULL) {
             (void)balance->residual(balance->needed_h, position, rate, second, none, needed);
         } else {
@@ -188,7 +188,7 @@ EOM_IN_PLACE void F(rosenbrock_step)(const F(problem) *restrict problem, const E
     const int nq = POSITIONS_OF(robot->sizes);
     const int nv = RATES_OF(robot->sizes);
     const int apart = PADDED_TO_BLOCKS(2 * nv);
-    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    const REAL inverse = WHOLE(C(1.0)) / dt;
     REAL times[2];
     REAL *restrict const kp = work.state;
     REAL *restrict const kd = &kp[INPUTS_OF(robot->sizes)];
@@ -359,7 +359,7 @@ EOM_LOCAL void F(bend_of_step)(const F(problem) *restrict problem, REAL time, RE
     REAL *restrict const right = work;
     REAL *restrict const shifts = &right[nv];
     REAL *restrict const w = &shifts[nq];
-    for (int i = 0; i < nq; ++i) { shifts[i] = WHOLE((EOM_SCALAR)0.0); }
+    for (int i = 0; i < nq; ++i) { shifts[i] = WHOLE(C(0.0)); }
     for (int i = 0; i < nv; ++i) {
         const REAL change = step->x_end[nq + i] - step->x[nq + i];
         right[i] = (dt * (step->dx[nq + i] + step->dx_end[nq + i]) - change - change) / time;
@@ -494,9 +494,26 @@ EOM_LOCAL void F(integrate_works)(const F(problem) *restrict problem, int l, int
     for (int w = 0; w < EOM_WORKS; ++w) { works[w] += last[w]; }
 }
 
-/* End a lane whose work leads nowhere: that is no motion. */
-EOM_LOCAL void F(look_where_it_leads)(eom_progress *restrict p, double duration, int where)
+/* Try a step again, with another length; a lane in which that is too short ends by a reason. */
+EOM_LOCAL void F(reject)(eom_progress *restrict p, double next, double duration, int reason)
 {
+    p->rejected += 1;
+    p->refused = 1;
+    p->next = next;
+    if (p->next <= 1e-14 * duration) { p->reason = reason; }
+}
+
+/* Take a step or not: the next one is a factor of its length.  A lane whose work leads nowhere ends: that is no motion. */
+EOM_LOCAL void F(go_on)(eom_progress *restrict p, int taken, double factor, double excess, double length, double duration, int where)
+{
+    if (taken == 0) {
+        F(reject)(p, length * factor, duration, 2 + where);
+    } else {
+        const double next = length * (((p->refused != 0) && (factor > 1.0)) ? 1.0 : factor);
+        p->refused = 0;
+        p->excess = (excess > 1e-4) ? excess : 1e-4;
+        if ((p->next < next) || !(length < p->next)) { p->next = next; }
+    }
     if (p->steps + p->rejected >= p->counted + EOM_LOOK) {
         if (p->t - p->looked < EOM_LEAST_PART * duration) { p->reason = 2 + where; }
         p->looked = p->t;
@@ -512,18 +529,7 @@ EOM_LOCAL int F(judge)(eom_progress *restrict p, double excess, double order, do
     double factor = 0.9 * pow(excess, -order);
     if ((taken != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow((p->excess > 0.0) ? p->excess : 1e-4, 0.08); }
     factor = (factor > 5.0) ? 5.0 : ((factor < 0.2) ? 0.2 : factor);
-    if (taken == 0) {
-        p->rejected += 1;
-        p->refused = 1;
-        p->next = length * factor;
-        if (p->next <= 1e-14 * duration) { p->reason = 2 + where; }
-    } else {
-        if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
-        p->refused = 0;
-        p->excess = (excess > 1e-4) ? excess : 1e-4;
-        if ((p->next < length * factor) || !(length < p->next)) { p->next = length * factor; }
-    }
-    F(look_where_it_leads)(p, duration, where);
+    F(go_on)(p, taken, factor, excess, length, duration, where);
     return taken;
 }
 
@@ -558,13 +564,9 @@ EOM_LOCAL int F(assemble_ends)(const F(motion) *restrict motion, const double *r
         if (opened != 0) {
             const int said = (WIDTH > 1) ? ((opened - 1) / statuses) : one;
             const int l = (taken[said] != 0) ? said : one;
-            eom_progress *const p = &progress[place[l]];
             taken[l] = 0;
-            p->rejected += 1;
-            p->refused = 1;
-            p->next = 0.25 * length[l];
-            if (p->next <= 1e-14 * duration) {
-                p->reason = 2 + nx + (opened - 1) % statuses;
+            F(reject)(&progress[place[l]], 0.25 * length[l], duration, 2 + nx + (opened - 1) % statuses);
+            if (progress[place[l]].reason != 0) {
                 going[l] = 0;
                 ended += 1;
             }

@@ -83,7 +83,7 @@ EOM_LOCAL void F(set_up)(const EOM(sizes) *restrict sizes, F(charts) *restrict c
     EOM_SCALAR *const p = charts->scratch;
     EOM_SCALAR *const h = &p[sizes->parameters + ROTATIONS_OF(sizes)];
     for (int i = 0; i < sizes->parameters; ++i) { p[i] = LANE_OF(charts->h[i], l); }
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { p[sizes->parameters + k] = (charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)0.0; }
+    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { p[sizes->parameters + k] = (charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? C(1.0) : C(0.0); }
     sizes->setup(p, h);
     for (int i = 0; i < sizes->hoisted; ++i) { LANE_OF(charts->h[i], l) = h[i]; }
 }
@@ -100,9 +100,9 @@ EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
             const int was_turned = *is_turned;
             EOM_SCALAR *const told = &charts->told[3 * (l * ROTATIONS_OF(sizes) + k)];
             EOM_SCALAR angle[3];
-            EOM_SCALAR other[3] = { (EOM_SCALAR)0.0, (EOM_SCALAR)0.0, (EOM_SCALAR)0.0 };
+            EOM_SCALAR other[3] = { C(0.0), C(0.0), C(0.0) };
             F(take)(q, l, sizes->angles_at[k], angle);
-            const int is_singular = ((EOM_MATH(fabs)(angle[1]) > (EOM_SCALAR)1.0) && (EOM_MATH(fabs)(EOM_MATH(cos)(angle[1])) < (EOM_SCALAR)0.5)) ? 1 : 0;
+            const int is_singular = ((EOM_MATH(fabs)(angle[1]) > C(1.0)) && (EOM_MATH(fabs)(EOM_MATH(cos)(angle[1])) < C(0.5))) ? 1 : 0;
             if (charts->stays[k] != 0) { continue; }
             if (was_turned != 0) { EOM(other_angles)(2, angle, told); }
             if (is_singular == 0) { continue; }
@@ -122,24 +122,8 @@ EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
     return any;
 }
 
-/* Write q and v as described, angles as they were last told. */
-EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
-{
-    (void)memcpy(q_told, q, (size_t)POSITIONS_OF(sizes) * sizeof *q);
-    (void)memcpy(v_told, v, (size_t)RATES_OF(sizes) * sizeof *v);
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
-            const int joint = l * ROTATIONS_OF(sizes) + k;
-            EOM_SCALAR angle[3];
-            if (charts->is_turned[joint] == 0) { continue; }
-            F(take)(q, l, sizes->angles_at[k], angle);
-            F(change_axes)(sizes, k, 2, l, angle, &charts->told[3 * joint], q_told, v_told);
-        }
-    }
-}
-
-/* Write q and v as described, of a state between those at which charts change. */
-EOM_LOCAL void F(describe_near)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
+/* Write q and v as described: angles as they were last told, or with near of a state between those at which charts change. */
+EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int near, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
 {
     (void)memcpy(q_told, q, (size_t)POSITIONS_OF(sizes) * sizeof *q);
     (void)memcpy(v_told, v, (size_t)RATES_OF(sizes) * sizeof *v);
@@ -151,7 +135,7 @@ EOM_LOCAL void F(describe_near)(const EOM(sizes) *restrict sizes, const F(charts
             if (charts->is_turned[joint] == 0) { continue; }
             for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
             F(take)(q, l, sizes->angles_at[k], angle);
-            EOM(other_angles)(2, angle, told);
+            if (near != 0) { EOM(other_angles)(2, angle, told); }
             F(change_axes)(sizes, k, 2, l, angle, told, q_told, v_told);
         }
     }
@@ -196,7 +180,7 @@ EOM_LOCAL void F(turn_forces)(const EOM(sizes) *restrict sizes, const F(charts) 
                 F(give)(force, l, origin, 1, u);
             }
             F(take)(u, l, at, force);
-            if ((force[0] == (EOM_SCALAR)0.0) && (force[1] == (EOM_SCALAR)0.0) && (force[2] == (EOM_SCALAR)0.0)) { continue; }
+            if ((force[0] == C(0.0)) && (force[1] == C(0.0)) && (force[2] == C(0.0))) { continue; }
             F(take)(q, l, at, angle);
             for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
             EOM(other_angles)(2, angle, told);
@@ -227,7 +211,7 @@ EOM_LOCAL void F(begin_charts)(const EOM(sizes) *restrict sizes, const REAL *res
         const int end = (kp == NULL) ? begin : (at + 3);
         charts->stays[k] = 0;
         for (int i = begin; i < end; ++i) {
-            if ((kp[i] > (EOM_SCALAR)0.0) || (kd[i] > (EOM_SCALAR)0.0)) { charts->stays[k] = 1; }
+            if ((kp[i] > C(0.0)) || (kd[i] > C(0.0))) { charts->stays[k] = 1; }
         }
         for (int l = 0; l < (int)WIDTH; ++l) {
             charts->is_turned[l * ROTATIONS_OF(sizes) + k] = 0;
@@ -249,10 +233,10 @@ EOM_LOCAL void F(resume_charts)(const EOM(sizes) *restrict sizes, const EOM(driv
 {
     const int count = ROTATIONS_OF(sizes);
     const size_t size = F(kept_of_charts)(sizes);
-    if ((drive->turned == NULL) || !(drive->turned[place[0] * size] > (EOM_SCALAR)0.0)) { return; }
+    if ((drive->turned == NULL) || !(drive->turned[place[0] * size] > C(0.0))) { return; }
     for (int l = 0; l < (int)WIDTH; ++l) {
         const EOM_SCALAR *const kept = &drive->turned[place[l] * size + 1U];
-        for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > (EOM_SCALAR)0.0) ? 1 : 0; }
+        for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > C(0.0)) ? 1 : 0; }
         for (int i = 0; i < 3 * count; ++i) { charts->told[3 * l * count + i] = kept[count + i]; }
         for (int i = 0; i < POSITIONS_OF(sizes); ++i) { LANE_OF(q[i], l) = kept[4 * count + i]; }
         for (int i = 0; i < RATES_OF(sizes); ++i) { LANE_OF(v[i], l) = kept[4 * count + POSITIONS_OF(sizes) + i]; }
@@ -267,8 +251,8 @@ EOM_LOCAL void F(keep_charts)(const EOM(sizes) *restrict sizes, const EOM(drive)
     if (drive->turned == NULL) { return; }
     for (int l = 0; l < (int)here; ++l) {
         EOM_SCALAR *const kept = &drive->turned[place[l] * F(kept_of_charts)(sizes)];
-        kept[0] = (EOM_SCALAR)1.0;
-        for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)0.0; }
+        kept[0] = C(1.0);
+        for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? C(1.0) : C(0.0); }
         for (int i = 0; i < 3 * count; ++i) { kept[1 + count + i] = charts->told[3 * l * count + i]; }
         for (int i = 0; i < POSITIONS_OF(sizes); ++i) { kept[1 + 4 * count + i] = LANE_OF(q[i], l); }
         for (int i = 0; i < RATES_OF(sizes); ++i) { kept[1 + 4 * count + POSITIONS_OF(sizes) + i] = LANE_OF(v[i], l); }

@@ -24,9 +24,9 @@ EOM_LOCAL int F(first_failure)(int n, int m, int one, int other)
 /* Check the constraint violations of lane l, m of them, and their rates, as many; the status, or 0. */
 EOM_LOCAL int F(check_lane)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation, int l)
 {
-    const EOM_SCALAR fastest = F(largest)(n, v, l, (EOM_SCALAR)1.0);
+    const EOM_SCALAR fastest = F(largest)(n, v, l, C(1.0));
     for (int r = 0; r < 2 * m; ++r) {
-        const EOM_SCALAR scale = (r < m) ? (EOM_SCALAR)1.0 : fastest;
+        const EOM_SCALAR scale = (r < m) ? C(1.0) : fastest;
         if (!(EOM_MATH(fabs)(LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
     }
     return 0;
@@ -56,8 +56,8 @@ EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *rest
     for (int l = 0; l < (int)WIDTH; ++l) {
         const int status = F(check_lane)(n, m, allowed, v, &solution[n + m], l);
         if (status != 0) { return status; }
-        const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, (EOM_SCALAR)1.0));
-        const EOM_SCALAR largest = F(largest)(n, needed, l, (EOM_SCALAR)1.0);
+        const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, C(1.0)));
+        const EOM_SCALAR largest = F(largest)(n, needed, l, C(1.0));
         for (int r = 0; r < m; ++r) {
             if (!(EOM_MATH(fabs)(LANE_OF(driven[r], l) + LANE_OF(bias[r], l)) <= fastest * allowed)) { return 1 + n + 2 * m + r + l * (2 * n + 3 * m); }
         }

@@ -47,7 +47,8 @@ typedef struct {
 } eom_chart;
 
 /* Closed loops of the model of computed torque: forces are those of the drives, driven being 1, along which all else
- * follows by one of so many charts.  angles and origin are the places of a joint's angles and of its x, or -1. */
+ * follows by one of so many charts; not finite where it does not close.  angles and origin are the places of a joint's angles
+ * and of its x, or -1. */
 typedef struct {
     int (*following)(const double *h, const double *q, const double *v, const double *a, const double *chart, double *out);
     int (*residual)(const double *h, const double *q, const double *v, const double *a, const double *u, double *out);
@@ -61,7 +62,8 @@ typedef struct {
 } eom_mechanism;
 
 /* Computed torque: inverse dynamics of a rigid model, of size coordinates at place behind gears, at accelerations that make
- * errors of the reference die out by the bandwidth, 1/s; if it holds, at rest (gravity compensation).  back and along are its
+ * errors of the reference die out by the bandwidth, 1/s; if it holds, at rest (gravity compensation).  Many states that have one
+ * model are asked for at a time by inverse_dynamics_batch, with batch_h, if that is not NULL.  back and along are the model's
  * adjoint and tangent, for derivatives. */
 typedef struct {
     int (*inverse_dynamics)(const double *h, const double *q, const double *v, const double *a, double *out);
@@ -82,7 +84,8 @@ typedef struct {
     const eom_mechanism *mechanism; /* NULL: a tree */
 } eom_computed_torque;
 
-/* Motions of prescribed coordinates: offset + amplitude sin(frequency t + phase), or signals, whose places are among them. */
+/* Motions of prescribed coordinates: offset + amplitude sin(frequency t + phase), or signals, whose places are among them.
+ * They are put into q and v, and their accelerations into the drives. */
 typedef struct {
     const int *place;
     const double *wave; /* (size, 4): amplitude, angular frequency rad/s, phase rad, offset */

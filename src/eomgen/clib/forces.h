@@ -45,7 +45,7 @@ EOM_LOCAL void F(saturate)(const EOM(drive) *restrict drive, int n, REAL *restri
             const EOM_SCALAR most = drive->effort[i];
             const EOM_SCALAR x = LANE_OF(u[i], l);
             const int over = ((x > most) || (x < -most)) ? 1 : 0;
-            if (slope != NULL) { LANE_OF(slope[i], l) = (over != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)1.0; }
+            if (slope != NULL) { LANE_OF(slope[i], l) = (over != 0) ? C(0.0) : C(1.0); }
             if (over != 0) { LANE_OF(u[i], l) = (x > most) ? most : -most; }
         }
     }

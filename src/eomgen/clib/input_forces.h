@@ -81,7 +81,7 @@ EOM_LOCAL void F(add_inputs)(const F(problem) *restrict problem, double share, i
         const EOM(inputs) *const inputs = clock->inputs[l];
         eom_finish_drives(inputs, nu, &prescribed[l * nu], &answer[l * nu], &u[l * nu], inside);
         if (slope != NULL) {
-            for (int i = 0; i < nu; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)inside[i]; }
+            for (int i = 0; i < nu; ++i) { LANE_OF(slope[i], l) = (inputs->effort == NULL) ? C(1.0) : (EOM_SCALAR)inside[i]; }
         }
         if (ROTATIONS_OF(sizes) == 0) {
             (void)memset(pushed, 0, (size_t)nq * sizeof *pushed);
@@ -172,7 +172,7 @@ EOM_LOCAL void F(add_turned_inputs)(const F(problem) *restrict problem, double s
     double *const u = &here[nq];
     double *const pushed = &u[nu];
     work.state += STATE_OF(sizes);
-    F(describe_near)(sizes, charts, q, v, q_told, v_told);
+    F(describe)(sizes, charts, 1, q, v, q_told, v_told);
     F(add_inputs)(problem, share, 0, q_told, v_told, force, slope, work);
     for (int l = 0; l < clock->here; ++l) {
         const eom_prescribed *const motions = clock->inputs[l]->given;
@@ -257,8 +257,8 @@ EOM_LOCAL void F(control_gains)(const F(problem) *restrict problem, REAL *restri
     const EOM(drive) *const drive = problem->motion.drive;
     const EOM(sizes) *const sizes = problem->motion.robot->sizes;
     for (int i = 0; i < INPUTS_OF(sizes); ++i) {
-        kp[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kp[i]);
-        kd[i] = (drive->kp == NULL) ? WHOLE((EOM_SCALAR)0.0) : WHOLE(drive->kd[i]);
+        kp[i] = (drive->kp == NULL) ? WHOLE(C(0.0)) : WHOLE(drive->kp[i]);
+        kd[i] = (drive->kp == NULL) ? WHOLE(C(0.0)) : WHOLE(drive->kd[i]);
     }
     for (int l = 0; (l < problem->clock.here) && (problem->clock.inputs[0] != NULL); ++l) {
         const eom_tracking *const control = problem->clock.inputs[l]->control;

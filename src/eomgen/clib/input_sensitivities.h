@@ -29,30 +29,6 @@ EOM_LOCAL void EOM(parameters_adjoint)(const EOM(interval) *restrict interval, c
     for (int i = 0; i < count; ++i) { by[i] += gradient[i]; }
 }
 
-/* Multiply a vector by the axes of a frame: from its numbers along them to those in the base frame, or back. */
-EOM_LOCAL void EOM(turn_vector)(const EOM_SCALAR *restrict pose, int there, const double *restrict x, double *restrict out)
-{
-    for (int i = 0; i < 3; ++i) {
-        out[i] = 0.0;
-        for (int j = 0; j < 3; ++j) { out[i] += (double)pose[(there != 0) ? (4 * i + j) : (4 * j + i)] * x[j]; }
-    }
-}
-
-/* Add the cross product of two vectors. */
-EOM_LOCAL void eom_add_cross(const double *restrict a, const double *restrict b, double *restrict out)
-{
-    for (int i = 0; i < 3; ++i) { out[i] += a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]; }
-}
-
-/* A wrench's six numbers at a time, zeros where it does not act. */
-EOM_LOCAL void eom_wrench_at(const eom_wrench *restrict wrench, eom_instant at, double *restrict row)
-{
-    double rate[6];
-    double second[6];
-    (void)memset(row, 0, 6U * sizeof *row);
-    if ((wrench->t0 <= at.beside) && (at.beside < wrench->t1)) { eom_spline_at(wrench->signal, at, row, rate, second); }
-}
-
 /* Add derivatives by a spline's columns at a time, their rates and accelerations to those by its coefficients; its profile
  * counts as constant. */
 EOM_LOCAL void eom_spline_adjoint(const eom_spline *restrict spline, eom_instant at, const double *restrict by_x, const double *restrict by_dx, const double *restrict by_ddx, double *restrict slope)
@@ -97,26 +73,21 @@ EOM_LOCAL void eom_prescribed_adjoint(const eom_prescribed *restrict motions, in
     }
 }
 
-/* Go back from a state into which prescribed motions were put. */
-EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
+/* Go back from a state into which prescribed motions were put, if there are any. */
+EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, eom_instant at, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
 {
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
     const int nq = EOM(positions_of)(interval);
     double *const by = interval->room.input;
+    if (motions == NULL) { return; }
     (void)memset(by, 0, (size_t)(3 * nq) * sizeof *by);
     for (int i = 0; i < motions->size; ++i) {
         by[i] = (double)by_q[motions->place[i]];
         by[nq + i] = (double)by_v[motions->place[i]];
-        by_q[motions->place[i]] = (EOM_SCALAR)0.0;
-        by_v[motions->place[i]] = (EOM_SCALAR)0.0;
+        by_q[motions->place[i]] = C(0.0);
+        by_v[motions->place[i]] = C(0.0);
     }
     eom_prescribed_adjoint(motions, nq, at, by, slopes->loads, &by[3 * nq]);
-}
-
-/* The same at a share of the step, if any are prescribed. */
-EOM_INLINE void EOM(prescribe_within_adjoint)(const EOM(interval) *restrict interval, double share, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes)
-{
-    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
-    if (motions != NULL) { EOM(prescribe_adjoint)(interval, motions, EOM(instant_within)(interval, share), by_q, by_v, slopes); }
 }
 
 /* Go back through a wrench in points or axes of a frame, from derivatives by what acts on its link, by_row, to those by its
@@ -126,12 +97,7 @@ EOM_LOCAL void EOM(framed_wrench_adjoint)(const eom_wrench *restrict wrench, con
     double turned_row[6];
     double arm[3];
     double by_arm[3] = { 0.0, 0.0, 0.0 };
-    (void)memcpy(turned_row, row, sizeof turned_row);
-    EOM(turn_vector)(pose, 1, wrench->arm, arm);
-    if (wrench->turns != 0) {
-        EOM(turn_vector)(pose, 1, row, turned_row);
-        EOM(turn_vector)(pose, 1, &row[3], &turned_row[3]);
-    }
+    EOM(turn_wrench)(wrench, pose, row, turned_row, arm);
     eom_add_cross(&by_row[3], arm, by_row);
     eom_add_cross(turned_row, &by_row[3], by_arm);
     for (int i = 0; i < 3; ++i) {
@@ -166,7 +132,7 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
     (void)memset(by_poses, 0, (size_t)KNOWN(interval->derivatives)->poses * sizeof *by_poses);
     for (int i = 0; i < nq; ++i) {
         q[i] = (EOM_SCALAR)position[i];
-        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
+        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? C(0.0) : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
     }
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
     (void)inputs->force_back(inputs->force_back_h, q, total, pushed, gradient);
@@ -276,7 +242,7 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; (moved != NULL) && (i < moved->size); ++i) { /* accelerations stand in their places */
         by[2 * nu + i] = weight[moved->place[i]];
         weight[moved->place[i]] = 0.0;
-        by_u[moved->place[i]] = (EOM_SCALAR)0.0;
+        by_u[moved->place[i]] = C(0.0);
     }
     (void)memcpy(pull, weight, (size_t)nu * sizeof *pull);
     for (int i = 0; i < nu; ++i) {
@@ -333,8 +299,8 @@ EOM_LOCAL void EOM(prescribe_tangent)(const EOM(interval) *restrict interval, EO
 {
     const eom_prescribed *const motions = EOM(prescribed_of)(interval);
     for (int i = 0; (motions != NULL) && (i < motions->size); ++i) {
-        dq[motions->place[i]] = (EOM_SCALAR)0.0;
-        dv[motions->place[i]] = (EOM_SCALAR)0.0;
+        dq[motions->place[i]] = C(0.0);
+        dv[motions->place[i]] = C(0.0);
     }
 }
 
@@ -344,15 +310,9 @@ EOM_LOCAL void EOM(framed_wrench_tangent)(const eom_wrench *restrict wrench, con
     double turned_row[6];
     double arm[3];
     double moved_arm[3];
-    (void)memcpy(turned_row, row, sizeof turned_row);
-    (void)memset(moved_row, 0, sizeof turned_row);
-    EOM(turn_vector)(pose, 1, wrench->arm, arm);
-    EOM(turn_vector)(dpose, 1, wrench->arm, moved_arm);
-    if (wrench->turns != 0) {
-        EOM(turn_vector)(pose, 1, row, turned_row);
-        EOM(turn_vector)(dpose, 1, row, moved_row);
-        EOM(turn_vector)(dpose, 1, &row[3], &moved_row[3]);
-    }
+    EOM(turn_wrench)(wrench, pose, row, turned_row, arm);
+    EOM(turn_wrench)(wrench, dpose, row, moved_row, moved_arm);
+    if (wrench->turns == 0) { (void)memset(moved_row, 0, sizeof turned_row); }
     eom_add_cross(moved_arm, turned_row, &moved_row[3]);
     eom_add_cross(arm, moved_row, &moved_row[3]);
 }
@@ -451,7 +411,7 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; i < nu; ++i) { du[i] = (EOM_SCALAR)force[i]; }
     if (inputs->wrenches > 0U) {
         EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[nq]);
-        for (int i = 0; i < nq; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? (EOM_SCALAR)0.0 : pushed[i]; }
+        for (int i = 0; i < nq; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? C(0.0) : pushed[i]; }
     }
 }
 

@@ -110,23 +110,18 @@ EOM_INLINE const eom_prescribed *EOM(prescribed_of)(const EOM(interval) *restric
     return (interval->inputs == NULL) ? NULL : interval->inputs->given;
 }
 
-/* Put prescribed motions at a time into q and v. */
-EOM_LOCAL void EOM(prescribe)(const EOM(interval) *restrict interval, const eom_prescribed *restrict motions, eom_instant at, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
+/* Put prescribed motions at a time into q and v, if there are any. */
+EOM_LOCAL void EOM(prescribe)(const EOM(interval) *restrict interval, eom_instant at, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
 {
+    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
     const int nq = EOM(positions_of)(interval);
     double *const work = interval->room.input;
+    if (motions == NULL) { return; }
     eom_prescribed_at(motions, nq, at, work, &work[nq], &work[2 * nq], &work[3 * nq]);
     for (int i = 0; i < motions->size; ++i) {
         q[motions->place[i]] = (EOM_SCALAR)work[i];
         v[motions->place[i]] = (EOM_SCALAR)work[nq + i];
     }
-}
-
-/* The same at a share of the step, if any are prescribed. */
-EOM_INLINE void EOM(prescribe_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v)
-{
-    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
-    if (motions != NULL) { EOM(prescribe)(interval, motions, EOM(instant_within)(interval, share), q, v); }
 }
 
 /* Evaluate inputs at a share of a step: where they act, q + ahead v, what a model of computed torque is asked, and prescribed
@@ -158,7 +153,7 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
     if (model != NULL) { (void)model->inverse_dynamics(model->h, asked, &asked[nu], &asked[2 * nu], answer); }
     eom_finish_drives(inputs, nu, prescribed, answer, force, rest);
     if (slope != NULL) {
-        for (int i = 0; i < nu; ++i) { slope[i] = (inputs->effort == NULL) ? (EOM_SCALAR)1.0 : (EOM_SCALAR)rest[i]; }
+        for (int i = 0; i < nu; ++i) { slope[i] = (inputs->effort == NULL) ? C(1.0) : (EOM_SCALAR)rest[i]; }
     }
     if (inputs->wrenches > 0U) {
         eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), position, rest, &interval->room.state[2 * nu]);
@@ -186,7 +181,7 @@ EOM_LOCAL void EOM(forces_within)(const EOM(interval) *restrict interval, double
 EOM_LOCAL void EOM(saturation_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict slope)
 {
     const int nu = EOM(inputs_of)(interval);
-    for (int i = 0; i < nu; ++i) { slope[i] = (EOM_SCALAR)1.0; }
+    for (int i = 0; i < nu; ++i) { slope[i] = C(1.0); }
     if ((interval->inputs == NULL) ? (interval->drive->effort == NULL) : (interval->inputs->effort == NULL)) { return; }
     EOM(forces_within)(interval, share, ahead, q, v, &interval->room.state[nu], slope);
 }
@@ -207,8 +202,8 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
     const int gains = eom_gains_of(control);
     const int nu = INPUTS_OF(sizes);
     for (int i = 0; i < nu; ++i) {
-        kp[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kp[i];
-        kd[i] = (drive->kp == NULL) ? (EOM_SCALAR)0.0 : drive->kd[i];
+        kp[i] = (drive->kp == NULL) ? C(0.0) : drive->kp[i];
+        kd[i] = (drive->kp == NULL) ? C(0.0) : drive->kd[i];
     }
     for (int k = 0; k < gains; ++k) {
         const double ratio = control->ratio[k] * control->ratio[k];

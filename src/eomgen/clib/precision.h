@@ -73,7 +73,7 @@ EOM_LOCAL int EOM(all_finite)(int count, const EOM_SCALAR *restrict x)
 {
     int is_finite = 1;
     for (int i = 0; i < count; ++i) {
-        if (!((x[i] - x[i]) >= (EOM_SCALAR)0.0)) { is_finite = 0; }
+        if (!((x[i] - x[i]) >= C(0.0))) { is_finite = 0; }
     }
     return is_finite;
 }

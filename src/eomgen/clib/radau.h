@@ -79,7 +79,7 @@ EOM_LOCAL void F(forget_radau)(const EOM(sizes) *restrict sizes, F(radau) *restr
     radau->factored[l] = 0.0;
     radau->last[l] = 0.0;
     radau->slowness[l] = 1.0;
-    for (int i = 0; i < RADAU_STAGES * apart; ++i) { LANE_OF(radau->inside[i], l) = (EOM_SCALAR)0.0; }
+    for (int i = 0; i < RADAU_STAGES * apart; ++i) { LANE_OF(radau->inside[i], l) = C(0.0); }
 }
 
 /* Look at how lanes' joints of three rotations are turned, and forget what steps of lanes have left that turned one since. */
@@ -100,7 +100,7 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
     const REAL *const v = &at[POSITIONS_OF(problem->motion.robot->sizes)];
     const REAL *const kp = &v[RATES_OF(problem->motion.robot->sizes)];
     const REAL *const kd = &kp[INPUTS_OF(problem->motion.robot->sizes)];
-    REAL dt = WHOLE((EOM_SCALAR)1.0);
+    REAL dt = WHOLE(C(1.0));
     REAL times[6]; /* two of them its spans */
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->factored[l] > 0.0) { LANE_OF(dt, l) = (EOM_SCALAR)radau->factored[l]; }
@@ -115,7 +115,7 @@ EOM_LOCAL void F(factor_radau)(const F(problem) *restrict problem, F(radau) *res
         times[0] = (a / square) * dt;
         times[2] = (-b / square) * dt;
         times[1] = times[0] * times[0] - times[2] * times[2];
-        times[3] = (EOM_SCALAR)2.0 * (times[0] * times[2]);
+        times[3] = C(2.0) * (times[0] * times[2]);
         times[4] = dt / EOM_MATH(sqrt)(square);
         times[5] = times[4] * times[4];
         F(solve_or_note)(problem, F(factors_of_pair), at, v, kp, kd, times, radau->factors[1 + k]);
@@ -145,46 +145,40 @@ EOM_LOCAL void F(renew_radau)(const F(problem) *restrict problem, const F(step) 
     F(factor_radau)(problem, radau);
 }
 
-/* Go on with what the last call kept of the states at place. */
-EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, F(radau) *restrict radau)
+/* Read what steps of a lane have left from kept, where the last call put it, or with keep put it there for the next one. */
+EOM_LOCAL void F(carry_radau)(const F(problem) *restrict problem, int keep, int l, double *restrict kept, F(radau) *restrict radau)
 {
     const int nx = STATE_OF(problem->motion.robot->sizes);
     const int held = nx + 2 * INPUTS_OF(problem->motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(nx);
+    double *const number[6] = { &radau->factored[l], &radau->last[l], &radau->excess[l], &radau->slowness[l], &radau->evaluations[l], &radau->eliminations[l] };
+    for (int i = 0; i < 6; ++i) {
+        if (keep != 0) { kept[i] = *number[i]; } else { *number[i] = kept[i]; }
+    }
+    for (int i = 0; i < held + RADAU_STAGES * nx; ++i) {
+        const int k = i - held; /* among coefficients of the polynomial */
+        REAL *const own = (k < 0) ? &radau->at[i] : &radau->inside[k / nx * PADDED_TO_BLOCKS(nx) + k % nx];
+        if (keep != 0) { kept[6 + i] = (double)LANE_OF(*own, l); } else { LANE_OF(*own, l) = (EOM_SCALAR)kept[6 + i]; }
+    }
+}
+
+/* Go on with what the last call kept of the states at place. */
+EOM_LOCAL void F(resume_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, F(radau) *restrict radau)
+{
     int some = 0;
     for (int l = 0; l < (int)WIDTH; ++l) {
-        const double *const kept = progress[place[l]].kept;
+        double *const kept = progress[place[l]].kept;
         if ((kept == NULL) || !(kept[2] > 0.0)) { continue; }
-        radau->factored[l] = kept[0];
-        radau->last[l] = kept[1];
-        radau->excess[l] = kept[2];
-        radau->slowness[l] = kept[3];
-        radau->evaluations[l] = kept[4];
-        radau->eliminations[l] = kept[5];
-        for (int i = 0; i < held; ++i) { LANE_OF(radau->at[i], l) = (EOM_SCALAR)kept[6 + i]; }
-        for (int i = 0; i < RADAU_STAGES * nx; ++i) { LANE_OF(radau->inside[i / nx * apart + i % nx], l) = (EOM_SCALAR)kept[6 + held + i]; }
+        F(carry_radau)(problem, 0, l, kept, radau);
         if (kept[0] > 0.0) { some = 1; }
     }
     if (some != 0) { F(factor_radau)(problem, radau); }
 }
 
 /* Keep for the next call what steps of the states at place have left. */
-EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, const F(radau) *restrict radau)
+EOM_LOCAL void F(keep_radau)(const F(problem) *restrict problem, const size_t *restrict place, const eom_progress *restrict progress, F(radau) *restrict radau)
 {
-    const int nx = STATE_OF(problem->motion.robot->sizes);
-    const int held = nx + 2 * INPUTS_OF(problem->motion.robot->sizes);
-    const int apart = PADDED_TO_BLOCKS(nx);
     for (int l = 0; l < problem->clock.here; ++l) {
-        double *const kept = progress[place[l]].kept;
-        if (kept == NULL) { continue; }
-        kept[0] = radau->factored[l];
-        kept[1] = radau->last[l];
-        kept[2] = radau->excess[l];
-        kept[3] = radau->slowness[l];
-        kept[4] = radau->evaluations[l];
-        kept[5] = radau->eliminations[l];
-        for (int i = 0; i < held; ++i) { kept[6 + i] = (double)LANE_OF(radau->at[i], l); }
-        for (int i = 0; i < RADAU_STAGES * nx; ++i) { kept[6 + held + i] = (double)LANE_OF(radau->inside[i / nx * apart + i % nx], l); }
+        if (progress[place[l]].kept != NULL) { F(carry_radau)(problem, 1, l, progress[place[l]].kept, radau); }
     }
 }
 
@@ -193,16 +187,16 @@ EOM_LOCAL void F(begin_radau)(const F(problem) *restrict problem, F(radau) *rest
 {
     const int pair = STATE_OF(problem->motion.robot->sizes);
     const int apart = PADDED_TO_BLOCKS(pair);
-    REAL ratio = WHOLE((EOM_SCALAR)1.0);
+    REAL ratio = WHOLE(C(1.0));
     for (int l = 0; l < (int)WIDTH; ++l) {
         if (radau->last[l] > 0.0) { LANE_OF(ratio, l) = (EOM_SCALAR)(problem->clock.step[l] / radau->last[l]); }
     }
     for (int s = 0; s < RADAU_STAGES; ++s) {
-        const REAL share = (EOM_SCALAR)eom_radau_shares[s] * ratio + (EOM_SCALAR)1.0;
+        const REAL share = (EOM_SCALAR)eom_radau_shares[s] * ratio + C(1.0);
         REAL power[RADAU_STAGES];
         REAL whole = share;
         for (int k = 0; k < RADAU_STAGES; ++k) {
-            power[k] = whole - (EOM_SCALAR)1.0;
+            power[k] = whole - C(1.0);
             whole = whole * share;
         }
         F(follow)(pair, RADAU_STAGES, power, radau->inside, apart, &radau->z[s * apart]);
@@ -264,7 +258,7 @@ EOM_INLINE void F(radau_right)(const F(radau) *restrict radau, int pair, int row
 EOM_INLINE void F(change_radau)(int pair, int masked, REAL *restrict change, REAL *restrict w, REAL *restrict sum, const F(radau) *restrict radau)
 {
     for (int l = 0; (masked != 0) && (l < (int)WIDTH); ++l) {
-        for (int i = 0; (radau->solves[l] == 0) && (i < pair); ++i) { LANE_OF(change[i], l) = (EOM_SCALAR)-0.0; }
+        for (int i = 0; (radau->solves[l] == 0) && (i < pair); ++i) { LANE_OF(change[i], l) = C(-0.0); }
     }
     F(add_to)(pair, change, w);
     *sum += F(sum_of_squares)(pair, change, radau->scale);
@@ -282,7 +276,7 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
     const int rows = PADDED_TO_BLOCKS(2 * nv + 3 * M_OF(robot->sizes));
     const size_t q_size = (size_t)nq * sizeof *radau->w;
     const size_t v_size = (size_t)nv * sizeof *radau->w;
-    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    const REAL inverse = WHOLE(C(1.0)) / dt;
     REAL *const right = radau->right;
     REAL *const other = &right[apart];
     REAL *const change = radau->change;
@@ -292,7 +286,7 @@ EOM_LOCAL void F(iterate_radau)(const F(problem) *restrict problem, REAL dt, int
     REAL *const v = radau->rise;
     REAL *const v_turned = &v[PADDED_TO_BLOCKS(nv)];
     REAL *const w = radau->here;
-    *sum = WHOLE((EOM_SCALAR)0.0);
+    *sum = WHOLE(C(0.0));
     {
         const REAL time = dt / eom_radau_real;
         F(radau_right)(radau, nx, rows, 0, 0, eom_radau_real * inverse, *sum, right);
@@ -366,7 +360,7 @@ EOM_LOCAL void F(error_of_radau)(const F(problem) *restrict problem, REAL dt, co
     const F(robot) *const robot = problem->motion.robot;
     const int nq = POSITIONS_OF(robot->sizes);
     const int nv = RATES_OF(robot->sizes);
-    const REAL inverse = WHOLE((EOM_SCALAR)1.0) / dt;
+    const REAL inverse = WHOLE(C(1.0)) / dt;
     const REAL time = dt / eom_radau_real;
     REAL *restrict const right = radau->right;
     REAL *restrict const w = radau->change;

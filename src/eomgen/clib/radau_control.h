@@ -19,7 +19,7 @@ EOM_LOCAL void F(measure_radau)(F(integration) *restrict it, const REAL *restric
 {
     const F(radau) *const radau = &it->radau;
     for (int l = 0; l < (int)WIDTH; ++l) {
-        EOM_SCALAR squares = (EOM_SCALAR)0.0;
+        EOM_SCALAR squares = C(0.0);
         if ((radau->solves[l] == 0) || ((double)LANE_OF(*sum, l) < HUGE_VAL)) { continue; }
         F(scale_radau)(it, l, last, radau->scale);
         for (int i = 0; i < STATE_OF(it->problem.motion.robot->sizes); ++i) {
@@ -108,24 +108,17 @@ EOM_LOCAL int F(judge_radau)(F(radau) *restrict radau, eom_progress *restrict p,
     }
     factor = (factor > 8.0) ? 8.0 : ((factor < 0.2) ? 0.2 : factor);
     if (taken != 0) {
-        if ((factor > 1.0) && ((p->refused != 0) || (factor < 1.2))) { factor = 1.0; } /* factors of this length serve again */
-        p->refused = 0;
-        p->excess = (excess > 1e-4) ? excess : 1e-4;
+        if ((factor > 1.0) && (factor < 1.2)) { factor = 1.0; } /* factors of this length serve again */
         radau->excess[l] = (excess > 1e-2) ? excess : 1e-2;
-        if ((p->next < length * factor) || !(length < p->next)) { p->next = length * factor; }
         if (!(radau->slowness[l] < RADAU_SLOW)) { radau->factored[l] = 0.0; }
+    } else if (radau->solved[l] == 0) { /* factors of where the step begins, or if they are, a shorter step */
+        factor = (radau->young[l] == 0) ? 1.0 : ((radau->last[l] > 0.0) ? 0.5 : 0.1);
+        radau->factored[l] = 0.0;
+        radau->slowness[l] = 1.0;
     } else {
-        if (radau->solved[l] == 0) { /* factors of where the step begins, or if they are, a shorter step */
-            factor = (radau->young[l] == 0) ? 1.0 : ((radau->last[l] > 0.0) ? 0.5 : 0.1);
-            radau->factored[l] = 0.0;
-            radau->slowness[l] = 1.0;
-        }
-        p->rejected += 1;
-        p->refused = 1;
-        p->next = length * factor;
-        if (p->next <= 1e-14 * duration) { p->reason = 2 + where; }
+        /* the error says how much shorter */
     }
-    F(look_where_it_leads)(p, duration, where);
+    F(go_on)(p, taken, factor, excess, length, duration, where);
     return taken;
 }
 

@@ -31,7 +31,7 @@ EOM_LOCAL void EOM(rosenbrock_added)(const EOM(interval) *restrict interval, int
     const int nq = EOM(positions_of)(interval);
     const int nv = EOM(rates_of)(interval);
     const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
-    const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / interval->dt;
+    const EOM_SCALAR inverse = C(1.0) / interval->dt;
     for (int j = 0; j < stage; ++j) {
         const EOM_SCALAR share = inverse * method->c[stage][j];
         const EOM_SCALAR *const increment = &stages[(nq + nv) * (STAGE_ROWS * j + ROW_PART)];
@@ -56,7 +56,7 @@ EOM_LOCAL const EOM_SCALAR *EOM(rosenbrock_stages)(const EOM(interval) *restrict
         EOM_SCALAR *const shift = &rate[nv];
         EOM_SCALAR *const increment = &here[nx * ROW_PART];
         EOM(rosenbrock_state)(interval, (method->begins[s] != 0) ? 0 : s, q, v, room, here, &here[nq]);
-        EOM(prescribe_within)(interval, method->shares[s], here, &here[nq]);
+        EOM(prescribe)(interval, EOM(instant_within)(interval, method->shares[s]), here, &here[nq]);
         (void)memcpy(shift, &here[nq], (size_t)nq * sizeof *here);
         (void)memset(none, 0, (size_t)nv * sizeof *none);
         EOM(rosenbrock_added)(interval, s, room, shift, none);
@@ -73,7 +73,7 @@ EOM_LOCAL int EOM(rosenbrock_factors)(const EOM(interval) *restrict interval, co
     const int nu = EOM(inputs_of)(interval);
     times[0] = EOM(rosenbrock_of)(interval)->diagonal * interval->dt;
     times[1] = times[0] * times[0];
-    EOM(gains_within)(interval, (EOM_SCALAR)0.0, 0.0, q, v, gains, &gains[nu], &gains[2 * nu]);
+    EOM(gains_within)(interval, C(0.0), 0.0, q, v, gains, &gains[nu], &gains[2 * nu]);
     return KNOWN(interval->derivatives)->robot->stage_factors(interval->h, q, v, gains, &gains[nu], times, factors);
 }
 
@@ -108,13 +108,7 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
             (void)memcpy(a, &stages[nx * ROW_RATE], (size_t)nv * sizeof *a); /* nothing was added to those */
         } else {
             EOM(rosenbrock_state)(interval, s, q, v, stages, here, &here[nq]);
-            if ((s > 0) && (EOM(assembles_stages)(robot->sizes) != 0)) { /* redundant rows answer to violations */
-                const int opened = EOM(assemble)(robot, interval->h, here, &here[nq], rest, NULL);
-                if (opened != 0) { return opened; }
-            }
-            EOM(prescribe_within)(interval, method->shares[s], here, &here[nq]);
-            EOM(forces_within)(interval, method->shares[s], (EOM_SCALAR)0.0, here, &here[nq], u, NULL);
-            const int status = robot->forward_dynamics(interval->h, here, &here[nq], u, a);
+            const int status = EOM(stage_forward)(interval, s, method->shares[s], here, u, a, rest);
             if (status != 0) { return status; }
         }
         (void)memcpy(rate, a, (size_t)nv * sizeof *here);
@@ -132,34 +126,6 @@ EOM_LOCAL int EOM(rosenbrock_forward)(const EOM(interval) *restrict interval, co
     return 0;
 }
 
-/* Go back from the state of a stage, where its forces act, to its beginning: by_rate are derivatives by its accelerations, by_v
- * those by its shifts.  work: 2 nx + 2 nu + parameters and what assembly takes. */
-EOM_LOCAL void EOM(rosenbrock_state_adjoint)(const EOM(interval) *restrict interval, int s, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict stages, const EOM_SCALAR *restrict by_rate, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
-{
-    const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
-    const int nx = nq + nv;
-    const int nu = INPUTS_OF(sizes);
-    const double share = EOM(rosenbrock_of)(interval)->shares[s];
-    const EOM_SCALAR *const here = &stages[nx * STAGE_ROWS * s];
-    EOM_SCALAR *restrict const u = work;
-    EOM_SCALAR *const q_open = &u[nu];
-    EOM_SCALAR *const v_open = &q_open[nq];
-    EOM_SCALAR *restrict const gradient = &v_open[nv];
-    EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, here, &here[nq], u, NULL);
-    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[nq], u, by_rate, gradient), nq, gradient);
-    for (int i = 0; i < nq; ++i) { by_q[i] = gradient[i]; }
-    EOM(add_share)(nv, (EOM_SCALAR)1.0, &gradient[nq], by_v);
-    EOM(forces_adjoint)(interval, share, (EOM_SCALAR)0.0, here, &here[nq], &gradient[nx], by_q, by_v, slopes);
-    EOM(prescribe_within_adjoint)(interval, share, by_q, by_v, slopes);
-    EOM(parameters_adjoint)(interval, &gradient[nx + nu], slopes);
-    if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
-        EOM(rosenbrock_state)(interval, s, q, v, stages, q_open, v_open);
-        EOM(assemble_adjoint)(interval, q_open, v_open, by_q, by_v, slopes, &gradient[nx + nu + sizes->parameters]);
-    }
-}
-
 /* Go back from the end of a step of a Rosenbrock method to its beginning: its stages, then the factors that all of them share.
  * work: 8 nx + 5 nu + 4 nv + nq + 3 factors + parameters, 18 nx of a tree, and what a stage takes. */
 EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
@@ -171,7 +137,7 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     const int nu = INPUTS_OF(sizes);
     const int size = sizes->factors;
     const EOM(rosenbrock_method) *const method = EOM(rosenbrock_of)(interval);
-    const EOM_SCALAR inverse = (EOM_SCALAR)1.0 / interval->dt;
+    const EOM_SCALAR inverse = C(1.0) / interval->dt;
     EOM_SCALAR *restrict const gains = work;
     EOM_SCALAR *restrict const by_part = &gains[3 * nu]; /* (stages, nx) */
     EOM_SCALAR *restrict const by_rate = &by_part[nx * ROSENBROCK_STAGES];
@@ -183,11 +149,11 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     EOM_SCALAR *restrict const by_factors = &factors[size];
     EOM_SCALAR *restrict const gradient = &by_factors[size];
     EOM_SCALAR *const room = &gradient[size + nx + 2 * nu + sizes->parameters];
-    EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[nx * STAGE_ROWS * ROSENBROCK_STAGES];
+    EOM_SCALAR *const open = (M_OF(sizes) > 0) ? room : &room[nx * STAGE_ROWS * ROSENBROCK_STAGES];
     EOM_SCALAR times[2];
-    const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, rest);
+    const EOM_SCALAR *const stages = EOM(rosenbrock_stages)(interval, q, v, kept, room, open);
     EOM(refuse_failed)(EOM(rosenbrock_factors)(interval, q, v, gains, times, factors), size, factors);
-    for (int i = 0; i < size; ++i) { by_factors[i] = (EOM_SCALAR)0.0; }
+    for (int i = 0; i < size; ++i) { by_factors[i] = C(0.0); }
     (void)memset(by_second, 0, (size_t)nv * sizeof *by_second);
     for (int s = 0; s < method->stages; ++s) {
         for (int i = 0; i < nq; ++i) { by_part[nx * s + i] = method->b[s] * to_q[i]; }
@@ -196,13 +162,13 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
     for (int s = method->stages - 1; s >= 0; --s) {
         const EOM_SCALAR *const rate = &stages[nx * (STAGE_ROWS * s + ROW_RATE)];
         for (int i = 0; i < nv; ++i) {
-            by_v[i] = (i < nq) ? (times[0] * by_part[nx * s + i]) : (EOM_SCALAR)0.0;
+            by_v[i] = (i < nq) ? (times[0] * by_part[nx * s + i]) : C(0.0);
             by_w[i] = times[0] * (by_part[nx * s + nq + i] + by_v[i]);
         }
         (void)KNOWN(interval->derivatives)->stage_solution_adjoint(interval->h, factors, rate, &rate[nv], by_w, gradient);
         for (int i = 0; i < size; ++i) { by_factors[i] += gradient[i]; }
         for (int i = 0; i < nv; ++i) { by_rate[i] = by_w[i] + gradient[size + i]; }
-        EOM(add_share)(nq, (EOM_SCALAR)1.0, &gradient[size + nv], by_v);
+        EOM(add_share)(nq, C(1.0), &gradient[size + nv], by_v);
         for (int j = 0; j < s; ++j) {
             const EOM_SCALAR share = inverse * method->c[s][j];
             EOM(add_share)(nq, share, by_v, &by_part[nx * j]);
@@ -210,14 +176,15 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
         }
         EOM(parameters_adjoint)(interval, &gradient[size + nx], slopes);
         if (method->begins[s] != 0) { /* where the first one is, whose accelerations it shares */
-            EOM(add_share)(nv, (EOM_SCALAR)1.0, by_rate, by_second);
-            EOM(add_share)(nv, (EOM_SCALAR)1.0, by_v, to_v);
+            EOM(add_share)(nv, C(1.0), by_rate, by_second);
+            EOM(add_share)(nv, C(1.0), by_v, to_v);
             continue;
         }
-        if (s == 0) { EOM(add_share)(nv, (EOM_SCALAR)1.0, by_second, by_rate); }
-        EOM(rosenbrock_state_adjoint)(interval, s, q, v, stages, by_rate, by_q, by_v, slopes, rest);
-        EOM(add_share)(nq, (EOM_SCALAR)1.0, by_q, to_q);
-        EOM(add_share)(nv, (EOM_SCALAR)1.0, by_v, to_v);
+        if (s == 0) { EOM(add_share)(nv, C(1.0), by_second, by_rate); }
+        if (EOM(assembles_stage)(sizes, s) != 0) { EOM(rosenbrock_state)(interval, s, q, v, stages, open, &open[nq]); }
+        EOM(stage_adjoint)(interval, s, method->shares[s], open, &stages[nx * STAGE_ROWS * s], by_rate, by_q, by_v, slopes, &open[nx]);
+        EOM(add_share)(nq, C(1.0), by_q, to_q);
+        EOM(add_share)(nv, C(1.0), by_v, to_v);
         for (int j = 0; j < s; ++j) {
             const EOM_SCALAR share = method->a[s][j];
             EOM(add_share)(nq, share, by_q, &by_part[nx * j]);
@@ -225,8 +192,8 @@ EOM_LOCAL void EOM(rosenbrock_adjoint)(const EOM(interval) *restrict interval, c
         }
     }
     EOM(refuse_failed)(KNOWN(interval->derivatives)->stage_factors_adjoint(interval->h, q, v, gains, &gains[nu], times, by_factors, gradient), nq, gradient);
-    EOM(add_share)(nq, (EOM_SCALAR)1.0, gradient, to_q);
-    EOM(add_share)(nv, (EOM_SCALAR)1.0, &gradient[nq], to_v);
+    EOM(add_share)(nq, C(1.0), gradient, to_q);
+    EOM(add_share)(nv, C(1.0), &gradient[nq], to_v);
     for (int i = 0; i < nu; ++i) { EOM(gains_adjoint)(interval, i, gains[2 * nu + i] * gradient[nx + i], gains[2 * nu + i] * gradient[nx + nu + i], slopes); }
     EOM(parameters_adjoint)(interval, &gradient[nx + 2 * nu], slopes);
 }
@@ -243,9 +210,7 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
     const int nx = nq + nv;
     const int nu = INPUTS_OF(sizes);
     EOM_SCALAR *restrict const gains = work;
-    EOM_SCALAR *restrict const u = &gains[3 * nu];
-    EOM_SCALAR *restrict const du = &u[nu];
-    EOM_SCALAR *restrict const dw = &du[nu];
+    EOM_SCALAR *restrict const dw = &gains[3 * nu];
     EOM_SCALAR *restrict const end = &dw[nv];
     EOM_SCALAR *restrict const moved = &end[nx];
     EOM_SCALAR *restrict const factors = &moved[nx * STAGE_ROWS * ROSENBROCK_STAGES];
@@ -261,7 +226,6 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
         const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
         EOM(refuse_failed)(derivatives->stage_factors_tangent(interval->h, q, v, gains, &gains[nu], times, dq_own, dv_own, dp, moved_factors), sizes->factors, moved_factors);
         for (int s = 0; s < method->stages; ++s) {
-            const double share = method->shares[s];
             const EOM_SCALAR *const here = &stages[nx * STAGE_ROWS * s];
             EOM_SCALAR *const there = &moved[nx * STAGE_ROWS * s];
             EOM_SCALAR *const rate = &there[nx * ROW_RATE];
@@ -271,14 +235,8 @@ EOM_LOCAL void EOM(rosenbrock_tangent)(const EOM(interval) *restrict interval, c
                 (void)memcpy(there, moved, (size_t)(nx + nv) * sizeof *there);
             } else {
                 EOM(rosenbrock_state)(interval, s, dq_own, dv_own, moved, there, &there[nq]);
-                if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
-                    EOM(rosenbrock_state)(interval, s, q, v, stages, end, &end[nq]);
-                    EOM(assemble_tangent)(interval, end, &end[nq], dp, there, &there[nq], rest);
-                }
-                EOM(prescribe_tangent)(interval, there, &there[nq]);
-                EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, here, &here[nq], u, NULL);
-                EOM(forces_tangent)(interval, share, (EOM_SCALAR)0.0, rates, d, here, &here[nq], there, &there[nq], du);
-                EOM(refuse_failed)(derivatives->forward_dynamics_tangent(interval->h, here, &here[nq], u, there, &there[nq], du, dp, rate), nv, rate);
+                if (EOM(assembles_stage)(sizes, s) != 0) { EOM(rosenbrock_state)(interval, s, q, v, stages, end, &end[nq]); }
+                EOM(stage_tangent)(interval, s, method->shares[s], end, here, rates, d, there, rate, rest);
             }
             (void)memcpy(shift, &there[nq], (size_t)nq * sizeof *there);
             EOM(rosenbrock_added)(interval, s, moved, shift, rate);

@@ -27,56 +27,6 @@ EOM_LOCAL int EOM(step_forward)(const EOM(interval) *restrict interval, const EO
     return status;
 }
 
-/* The end of a step with closed loops, in front of assembly, from what is kept of it. */
-EOM_LOCAL void EOM(step_end)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
-{
-    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
-        EOM(rosenbrock_state)(interval, EOM(rosenbrock_of)(interval)->stages, q, v, kept, q_end, v_end);
-    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
-        EOM(implicit_end)(interval, q, v, kept, q_end, v_end);
-    } else {
-        EOM(explicit_stage)(interval, EOM(explicit_of)(interval)->stages, q, v, kept, &kept[EOM(rates_of)(interval) * EXPLICIT_STAGES], q_end, v_end);
-    }
-}
-
-/* Go back from the end of a step, in front of assembly, to its beginning. */
-EOM_LOCAL void EOM(step_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
-{
-    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
-        EOM(rosenbrock_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
-    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
-        EOM(implicit_adjoint)(interval, q, v, to_q, to_v, slopes, work);
-    } else {
-        EOM(explicit_adjoint)(interval, q, v, kept, to_q, to_v, slopes, work);
-    }
-}
-
-/* Carry rates along directions from the beginning of a step to its end, in front of assembly. */
-EOM_LOCAL void EOM(step_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
-{
-    if (interval->method % EOM_KINDS == EOM_ROSENBROCK) {
-        EOM(rosenbrock_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);
-    } else if (interval->method % EOM_KINDS == EOM_IMPLICIT_EULER) {
-        EOM(implicit_tangent)(interval, q, v, directions, rates, dq, dv, work);
-    } else {
-        EOM(explicit_tangent)(interval, q, v, kept, directions, rates, dq, dv, work);
-    }
-}
-
-/* Put prescribed motions into the end of a step, if there are any. */
-EOM_INLINE void EOM(prescribe_end)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end)
-{
-    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
-    if (motions != NULL) { EOM(prescribe)(interval, motions, eom_instant_of(interval->end), q_end, v_end); }
-}
-
-/* Go back from the end of a step into which prescribed motions were put. */
-EOM_INLINE void EOM(prescribe_end_adjoint)(const EOM(interval) *restrict interval, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes)
-{
-    const eom_prescribed *const motions = EOM(prescribed_of)(interval);
-    if (motions != NULL) { EOM(prescribe_adjoint)(interval, motions, eom_instant_of(interval->end), to_q, to_v, slopes); }
-}
-
 /* What the failure of a step says of all steps. */
 EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_t step, int status)
 {
@@ -99,7 +49,7 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
         const EOM(interval) interval = EOM(interval_of)(derivatives, h, drive, inputs, steps, k, work);
         const int status = EOM(step_forward)(&interval, &q[k * nq], &v[k * nv], (kept == NULL) ? stages_here : &kept[k * size], q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
-        EOM(prescribe_end)(&interval, q_end, v_end);
+        EOM(prescribe)(&interval, eom_instant_of(interval.end), q_end, v_end);
         if (M_OF(sizes) > 0) {
             const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
             if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
@@ -115,6 +65,7 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
     const size_t nv = (size_t)RATES_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
     const int closed = (M_OF(sizes) > 0) ? 1 : 0;
+    const int kind = steps->method % EOM_KINDS;
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const q_end = &stages_here[size];
     EOM_SCALAR *const v_end = &q_end[nq];
@@ -133,14 +84,28 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
             EOM(refuse_failed)(EOM(step_forward)(&interval, q_here, v_here, stages_here, q_end, v_end, rest), (int)size, stages_here);
         } else {
             stages = &kept[k * size];
-            if (closed != 0) { EOM(step_end)(&interval, q_here, v_here, stages, q_end, v_end); }
+            if (closed == 0) {
+                /* the end is what the next step began with */
+            } else if (kind == EOM_ROSENBROCK) {
+                EOM(rosenbrock_state)(&interval, EOM(rosenbrock_of)(&interval)->stages, q_here, v_here, stages, q_end, v_end);
+            } else if (kind == EOM_IMPLICIT_EULER) {
+                EOM(implicit_end)(&interval, q_here, v_here, stages, q_end, v_end);
+            } else {
+                EOM(explicit_stage)(&interval, EOM(explicit_of)(&interval)->stages, q_here, v_here, stages, &stages[nv * EXPLICIT_STAGES], q_end, v_end);
+            }
         }
         if (closed != 0) {
-            EOM(prescribe_end)(&interval, q_end, v_end);
+            EOM(prescribe)(&interval, eom_instant_of(interval.end), q_end, v_end);
             EOM(assemble_adjoint)(&interval, q_end, v_end, to_q, to_v, slopes, rest);
         }
-        EOM(prescribe_end_adjoint)(&interval, to_q, to_v, slopes);
-        EOM(step_adjoint)(&interval, q_here, v_here, stages, to_q, to_v, slopes, rest);
+        EOM(prescribe_adjoint)(&interval, eom_instant_of(interval.end), to_q, to_v, slopes);
+        if (kind == EOM_ROSENBROCK) {
+            EOM(rosenbrock_adjoint)(&interval, q_here, v_here, stages, to_q, to_v, slopes, rest);
+        } else if (kind == EOM_IMPLICIT_EULER) {
+            EOM(implicit_adjoint)(&interval, q_here, v_here, to_q, to_v, slopes, rest);
+        } else {
+            EOM(explicit_adjoint)(&interval, q_here, v_here, stages, to_q, to_v, slopes, rest);
+        }
         for (size_t i = 0; i < nq; ++i) {
             to_q[i] += by_q[k * nq + i];
             by_q[k * nq + i] = to_q[i];
@@ -157,6 +122,7 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
     const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
     const size_t nq = (size_t)POSITIONS_OF(sizes);
     const size_t nv = (size_t)RATES_OF(sizes);
+    const int kind = steps->method % EOM_KINDS;
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const rest = &stages_here[EOM(kept_of_step)(sizes, steps->method)];
     for (size_t k = 0; k < steps->count; ++k) {
@@ -171,8 +137,14 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         (void)memcpy(dq_end, &dq[k * directions * nq], directions * nq * sizeof *dq);
         (void)memcpy(dv_end, &dv[k * directions * nv], directions * nv * sizeof *dv);
-        EOM(step_tangent)(&interval, q_here, v_here, stages_here, directions, rates, dq_end, dv_end, rest);
-        EOM(prescribe_end)(&interval, q_end, v_end);
+        if (kind == EOM_ROSENBROCK) {
+            EOM(rosenbrock_tangent)(&interval, q_here, v_here, stages_here, directions, rates, dq_end, dv_end, rest);
+        } else if (kind == EOM_IMPLICIT_EULER) {
+            EOM(implicit_tangent)(&interval, q_here, v_here, directions, rates, dq_end, dv_end, rest);
+        } else {
+            EOM(explicit_tangent)(&interval, q_here, v_here, stages_here, directions, rates, dq_end, dv_end, rest);
+        }
+        EOM(prescribe)(&interval, eom_instant_of(interval.end), q_end, v_end);
         for (size_t d = 0; d < directions; ++d) {
             EOM(prescribe_tangent)(&interval, &dq_end[d * nq], &dv_end[d * nv]);
             if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * nq], &dv_end[d * nv], rest); }

@@ -212,6 +212,42 @@ EOM_LOCAL void eom_finish_drives(const EOM(inputs) *restrict inputs, int n, cons
     }
 }
 
+/* Multiply a vector by the axes of a frame: from its numbers along them to those in the base frame, or back. */
+EOM_LOCAL void EOM(turn_vector)(const EOM_SCALAR *restrict pose, int there, const double *restrict x, double *restrict out)
+{
+    for (int i = 0; i < 3; ++i) {
+        out[i] = 0.0;
+        for (int j = 0; j < 3; ++j) { out[i] += (double)pose[(there != 0) ? (4 * i + j) : (4 * j + i)] * x[j]; }
+    }
+}
+
+/* Add the cross product of two vectors. */
+EOM_LOCAL void eom_add_cross(const double *restrict a, const double *restrict b, double *restrict out)
+{
+    for (int i = 0; i < 3; ++i) { out[i] += a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]; }
+}
+
+/* A wrench's six numbers at a time, zeros where it does not act. */
+EOM_LOCAL void eom_wrench_at(const eom_wrench *restrict wrench, eom_instant at, double *restrict row)
+{
+    double rate[6];
+    double second[6];
+    (void)memset(row, 0, 6U * sizeof *row);
+    if ((wrench->t0 <= at.beside) && (at.beside < wrench->t1)) { eom_spline_at(wrench->signal, at, row, rate, second); }
+}
+
+/* A wrench's row and arm by the axes of its frame; where it does not turn, its row as it is. */
+EOM_LOCAL void EOM(turn_wrench)(const eom_wrench *restrict wrench, const EOM_SCALAR *restrict pose, const double *restrict row, double *restrict turned_row, double *restrict arm)
+{
+    EOM(turn_vector)(pose, 1, wrench->arm, arm);
+    if (wrench->turns != 0) {
+        EOM(turn_vector)(pose, 1, row, turned_row);
+        EOM(turn_vector)(pose, 1, &row[3], &turned_row[3]);
+    } else {
+        for (int i = 0; i < 6; ++i) { turned_row[i] = row[i]; }
+    }
+}
+
 /* Wrenches on all links, (links, 6), in the base frame. */
 EOM_LOCAL void eom_wrenches_at(const EOM(inputs) *restrict inputs, int size, eom_instant at, const EOM_SCALAR *restrict q, EOM_SCALAR *restrict total)
 {
@@ -220,24 +256,14 @@ EOM_LOCAL void eom_wrenches_at(const EOM(inputs) *restrict inputs, int size, eom
     for (size_t k = 0; k < inputs->wrenches; ++k) {
         const eom_wrench *const wrench = &inputs->wrench[k];
         double row[6];
-        double rate[6];
-        double second[6];
-        (void)memset(row, 0, sizeof row);
-        if ((wrench->t0 <= within.beside) && (within.beside < wrench->t1)) { eom_spline_at(wrench->signal, within, row, rate, second); }
+        eom_wrench_at(wrench, within, row);
         if (wrench->frame >= 0) {
             EOM_SCALAR pose[16];
             double arm[3];
             double turned[6];
             (void)inputs->frame_pose(inputs->frame_h, q, wrench->frame, pose);
-            for (int i = 0; i < 3; ++i) {
-                const double along[3] = { (double)pose[4 * i], (double)pose[4 * i + 1], (double)pose[4 * i + 2] };
-                arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
-                turned[i] = (wrench->turns != 0) ? (along[0] * row[0] + along[1] * row[1] + along[2] * row[2]) : row[i];
-                turned[3 + i] = (wrench->turns != 0) ? (along[0] * row[3] + along[1] * row[4] + along[2] * row[5]) : row[3 + i];
-            }
-            turned[3] += arm[1] * turned[2] - arm[2] * turned[1];
-            turned[4] += arm[2] * turned[0] - arm[0] * turned[2];
-            turned[5] += arm[0] * turned[1] - arm[1] * turned[0];
+            EOM(turn_wrench)(wrench, pose, row, turned, arm);
+            eom_add_cross(arm, turned, &turned[3]);
             (void)memcpy(row, turned, sizeof row);
         }
         for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += (EOM_SCALAR)row[i]; }

@@ -5,10 +5,10 @@
  * Rosenbrock method what each stage is solved for and the rates' parts, with closed loops all six rows of a stage: q and v,
  * rates and shifts that are solved with, and parts of q and v. */
 
-/* Whether states of stages are assembled, too. */
-EOM_LOCAL int EOM(assembles_stages)(const EOM(sizes) *restrict sizes)
+/* Whether the state of a stage is assembled, too: redundant rows answer to violations. */
+EOM_LOCAL int EOM(assembles_stage)(const EOM(sizes) *restrict sizes, int stage)
 {
-    return ((M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
+    return ((stage > 0) && (M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
 }
 
 /* Numbers of a function that failed are none, so that no derivative passes for one. */
@@ -45,11 +45,11 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
     }
     for (int k = passes - 1; k >= 0; --k) {
         for (int i = 0; i < nq; ++i) { weight[i] = by_q[i]; }
-        for (int i = 0; i < nv; ++i) { weight[nq + i] = (k == passes - 1) ? by_v[i] : (EOM_SCALAR)0.0; }
-        for (int r = nx; r < nx + m; ++r) { weight[r] = (EOM_SCALAR)0.0; }
+        for (int i = 0; i < nv; ++i) { weight[nq + i] = (k == passes - 1) ? by_v[i] : C(0.0); }
+        for (int r = nx; r < nx + m; ++r) { weight[r] = C(0.0); }
         EOM(refuse_failed)(KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * nq], v, weight, gradient), nq, gradient);
-        EOM(add_share)(nq, (EOM_SCALAR)1.0, gradient, by_q);
-        EOM(add_share)(nv, (EOM_SCALAR)1.0, &gradient[nq], by_v);
+        EOM(add_share)(nq, C(1.0), gradient, by_q);
+        EOM(add_share)(nv, C(1.0), &gradient[nq], by_v);
         EOM(parameters_adjoint)(interval, &gradient[nx], slopes);
     }
 }
@@ -82,6 +82,58 @@ EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, con
     for (int i = 0; i < nv; ++i) { dv[i] += moved[nq + i]; }
 }
 
+/* Accelerations at the state of a stage, here = (q, v) in front of assembly, which becomes the one in which its forces u act.
+ * work: what assembly takes. */
+EOM_LOCAL int EOM(stage_forward)(const EOM(interval) *restrict interval, int stage, double share, EOM_SCALAR *here, EOM_SCALAR *restrict u, EOM_SCALAR *restrict a, EOM_SCALAR *restrict work)
+{
+    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
+    EOM_SCALAR *const v_here = &here[POSITIONS_OF(robot->sizes)];
+    if (EOM(assembles_stage)(robot->sizes, stage) != 0) {
+        const int opened = EOM(assemble)(robot, interval->h, here, v_here, work, NULL);
+        if (opened != 0) { return opened; }
+    }
+    EOM(prescribe)(interval, EOM(instant_within)(interval, share), here, v_here);
+    EOM(forces_within)(interval, share, C(0.0), here, v_here, u, NULL);
+    return robot->forward_dynamics(interval->h, here, v_here, u, a);
+}
+
+/* Go back from the state of a stage, here, in which its forces act, to the one in front of assembly, open: by_a are derivatives
+ * by its accelerations; by_q gets those by q, and to by_v are added those by v.  work: nx + 2 nu + parameters, and what assembly
+ * takes. */
+EOM_LOCAL void EOM(stage_adjoint)(const EOM(interval) *restrict interval, int stage, double share, const EOM_SCALAR *open, const EOM_SCALAR *here, const EOM_SCALAR *restrict by_a, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
+{
+    const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
+    const int nq = POSITIONS_OF(sizes);
+    const int nx = STATE_OF(sizes);
+    const int nu = INPUTS_OF(sizes);
+    EOM_SCALAR *restrict const u = work;
+    EOM_SCALAR *restrict const gradient = &u[nu];
+    EOM(forces_within)(interval, share, C(0.0), here, &here[nq], u, NULL);
+    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[nq], u, by_a, gradient), nq, gradient);
+    for (int i = 0; i < nq; ++i) { by_q[i] = gradient[i]; }
+    EOM(add_share)(RATES_OF(sizes), C(1.0), &gradient[nq], by_v);
+    EOM(forces_adjoint)(interval, share, C(0.0), here, &here[nq], &gradient[nx], by_q, by_v, slopes);
+    EOM(prescribe_adjoint)(interval, EOM(instant_within)(interval, share), by_q, by_v, slopes);
+    EOM(parameters_adjoint)(interval, &gradient[nx + nu], slopes);
+    if (EOM(assembles_stage)(sizes, stage) != 0) { EOM(assemble_adjoint)(interval, open, &open[nq], by_q, by_v, slopes, &gradient[nx + nu + sizes->parameters]); }
+}
+
+/* Carry rates along direction d of the state of a stage in front of assembly, there, to those of the one in which its forces act,
+ * and to those of its accelerations, da; open and here are these states.  work: 2 nu, and what assembly takes. */
+EOM_LOCAL void EOM(stage_tangent)(const EOM(interval) *restrict interval, int stage, double share, const EOM_SCALAR *open, const EOM_SCALAR *here, const EOM(rates) *restrict rates, size_t d, EOM_SCALAR *there, EOM_SCALAR *restrict da, EOM_SCALAR *restrict work)
+{
+    const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
+    const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
+    const int nq = POSITIONS_OF(sizes);
+    EOM_SCALAR *restrict const u = work;
+    EOM_SCALAR *restrict const du = &u[INPUTS_OF(sizes)];
+    if (EOM(assembles_stage)(sizes, stage) != 0) { EOM(assemble_tangent)(interval, open, &open[nq], dp, there, &there[nq], &du[INPUTS_OF(sizes)]); }
+    EOM(prescribe_tangent)(interval, there, &there[nq]);
+    EOM(forces_within)(interval, share, C(0.0), here, &here[nq], u, NULL);
+    EOM(forces_tangent)(interval, share, C(0.0), rates, d, here, &here[nq], there, &there[nq], du);
+    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, here, &here[nq], u, there, &there[nq], du, dp, da), RATES_OF(sizes), da);
+}
+
 /* The explicit method of a step. */
 EOM_INLINE const EOM(explicit_method) *EOM(explicit_of)(const EOM(interval) *restrict interval)
 {
@@ -98,7 +150,7 @@ EOM_LOCAL void EOM(explicit_stage)(const EOM(interval) *restrict interval, int s
     (void)memcpy(v_here, v, (size_t)nv * sizeof *v);
     for (int j = 0; j < stage; ++j) {
         const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[stage][j];
-        if (!(EOM_MATH(fabs)(share) > (EOM_SCALAR)0.0)) { continue; }
+        if (!(EOM_MATH(fabs)(share) > C(0.0))) { continue; }
         EOM(add_share)(nq, share, &states[(nq + nv) * j + nq], q_here);
         EOM(add_share)(nv, share, &a[nv * j], v_here);
     }
@@ -113,7 +165,7 @@ EOM_INLINE const EOM_SCALAR *EOM(explicit_states)(const EOM(interval) *restrict 
     for (int s = 0; s < EOM(explicit_of)(interval)->stages; ++s) {
         EOM_SCALAR *const here = &room[(nq + nv) * s];
         EOM(explicit_stage)(interval, s, q, v, kept, room, here, &here[nq]);
-        EOM(prescribe_within)(interval, EOM(explicit_of)(interval)->shares[s], here, &here[nq]);
+        EOM(prescribe)(interval, EOM(instant_within)(interval, EOM(explicit_of)(interval)->shares[s]), here, &here[nq]);
     }
     return room;
 }
@@ -121,26 +173,18 @@ EOM_INLINE const EOM_SCALAR *EOM(explicit_states)(const EOM(interval) *restrict 
 /* Take a step of an explicit method.  work: nu + nv + 3 m, and 6 nx of a tree, or what assembly takes. */
 EOM_LOCAL int EOM(explicit_forward)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end, EOM_SCALAR *restrict work)
 {
-    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const int nq = EOM(positions_of)(interval);
+    const int nv = EOM(rates_of)(interval);
+    const int m = M_OF(EOM(sizes_of)(interval));
     const int stages = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const u = work;
-    EOM_SCALAR *restrict const a = &u[INPUTS_OF(robot->sizes)];
-    EOM_SCALAR *const rest = &a[nv + 3 * M_OF(robot->sizes)]; /* of assembly, or states of a tree's stages */
-    EOM_SCALAR *const states = (M_OF(robot->sizes) > 0) ? &kept[nv * EXPLICIT_STAGES] : rest;
+    EOM_SCALAR *restrict const a = &u[EOM(inputs_of)(interval)];
+    EOM_SCALAR *const rest = &a[nv + 3 * m]; /* of assembly, or states of a tree's stages */
+    EOM_SCALAR *const states = (m > 0) ? &kept[nv * EXPLICIT_STAGES] : rest;
     for (int s = 0; s < stages; ++s) {
-        const double share = EOM(explicit_of)(interval)->shares[s];
-        EOM_SCALAR *const q_here = &states[(nq + nv) * s];
-        EOM_SCALAR *const v_here = &q_here[nq];
-        EOM(explicit_stage)(interval, s, q, v, kept, states, q_here, v_here);
-        if ((s > 0) && (EOM(assembles_stages)(robot->sizes) != 0)) { /* redundant rows answer to violations */
-            const int opened = EOM(assemble)(robot, interval->h, q_here, v_here, rest, NULL);
-            if (opened != 0) { return opened; }
-        }
-        EOM(prescribe_within)(interval, share, q_here, v_here);
-        EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
-        const int status = robot->forward_dynamics(interval->h, q_here, v_here, u, a);
+        EOM_SCALAR *const here = &states[(nq + nv) * s];
+        EOM(explicit_stage)(interval, s, q, v, kept, states, here, &here[nq]);
+        const int status = EOM(stage_forward)(interval, s, EOM(explicit_of)(interval)->shares[s], here, u, a, rest);
         if (status != 0) { return status; }
         (void)memcpy(&kept[nv * s], a, (size_t)nv * sizeof *a);
     }
@@ -156,44 +200,29 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
     const int nq = POSITIONS_OF(sizes);
     const int nv = RATES_OF(sizes);
     const int nx = nq + nv;
-    const int nu = INPUTS_OF(sizes);
     const int count = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const by_rate = work; /* (stages, nq) */
     EOM_SCALAR *restrict const by_a = &by_rate[nq * EXPLICIT_STAGES];
     EOM_SCALAR *restrict const by_q = &by_a[nv * EXPLICIT_STAGES];
     EOM_SCALAR *restrict const by_v = &by_q[nq];
-    EOM_SCALAR *restrict const u = &by_v[nv];
-    EOM_SCALAR *const q_open = &u[nu];
-    EOM_SCALAR *const v_open = &q_open[nq];
-    EOM_SCALAR *restrict const gradient = &v_open[nv];
-    EOM_SCALAR *const rest = &gradient[nx + nu + sizes->parameters]; /* of assembly, or states of a tree's stages */
-    const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, rest);
+    EOM_SCALAR *const open = &by_v[nv];
+    EOM_SCALAR *const room = &open[nx]; /* of states of a tree's stages */
+    EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[nx * EXPLICIT_STAGES];
+    const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, room);
     for (int j = 0; j < count; ++j) { /* what the end adds */
         const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[count][j];
         for (int i = 0; i < nq; ++i) { by_rate[nq * j + i] = share * to_q[i]; }
         for (int i = 0; i < nv; ++i) { by_a[nv * j + i] = share * to_v[i]; }
     }
     for (int s = count - 1; s >= 0; --s) {
-        const double stage_share = EOM(explicit_of)(interval)->shares[s];
-        const EOM_SCALAR *const q_here = &states[nx * s];
-        const EOM_SCALAR *const v_here = &q_here[nq];
-        EOM(forces_within)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
-        EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, q_here, v_here, u, &by_a[nv * s], gradient), nq, gradient);
-        for (int i = 0; i < nq; ++i) { by_q[i] = gradient[i]; }
-        for (int i = 0; i < nv; ++i) { by_v[i] = gradient[nq + i]; }
-        EOM(add_share)(nq, (EOM_SCALAR)1.0, &by_rate[nq * s], by_v);
-        EOM(forces_adjoint)(interval, stage_share, (EOM_SCALAR)0.0, q_here, v_here, &gradient[nx], by_q, by_v, slopes);
-        EOM(prescribe_within_adjoint)(interval, stage_share, by_q, by_v, slopes);
-        EOM(parameters_adjoint)(interval, &gradient[nx + nu], slopes);
-        if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
-            EOM(explicit_stage)(interval, s, q, v, kept, states, q_open, v_open);
-            EOM(assemble_adjoint)(interval, q_open, v_open, by_q, by_v, slopes, rest);
-        }
-        EOM(add_share)(nq, (EOM_SCALAR)1.0, by_q, to_q);
-        EOM(add_share)(nv, (EOM_SCALAR)1.0, by_v, to_v);
+        for (int i = 0; i < nv; ++i) { by_v[i] = (i < nq) ? by_rate[nq * s + i] : C(0.0); }
+        if (EOM(assembles_stage)(sizes, s) != 0) { EOM(explicit_stage)(interval, s, q, v, kept, states, open, &open[nq]); }
+        EOM(stage_adjoint)(interval, s, EOM(explicit_of)(interval)->shares[s], open, &states[nx * s], &by_a[nv * s], by_q, by_v, slopes, rest);
+        EOM(add_share)(nq, C(1.0), by_q, to_q);
+        EOM(add_share)(nv, C(1.0), by_v, to_v);
         for (int j = 0; j < s; ++j) {
             const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[s][j];
-            if (!(EOM_MATH(fabs)(share) > (EOM_SCALAR)0.0)) { continue; }
+            if (!(EOM_MATH(fabs)(share) > C(0.0))) { continue; }
             EOM(add_share)(nq, share, by_q, &by_rate[nq * j]);
             EOM(add_share)(nv, share, by_v, &by_a[nv * j]);
         }
@@ -209,32 +238,20 @@ EOM_LOCAL void EOM(explicit_tangent)(const EOM(interval) *restrict interval, con
     const int nv = RATES_OF(sizes);
     const int nx = nq + nv;
     const int count = EOM(explicit_of)(interval)->stages;
-    EOM_SCALAR *restrict const u = work;
-    EOM_SCALAR *restrict const du = &u[INPUTS_OF(sizes)];
-    EOM_SCALAR *restrict const da = &du[INPUTS_OF(sizes)];        /* (stages, nv) */
+    EOM_SCALAR *restrict const da = work;                         /* (stages, nv) */
     EOM_SCALAR *restrict const moved = &da[nv * EXPLICIT_STAGES]; /* (stages, nx) */
     EOM_SCALAR *restrict const end = &moved[nx * EXPLICIT_STAGES];
-    EOM_SCALAR *const rest = &end[nx]; /* of assembly, or states of a tree's stages */
-    const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, rest);
+    EOM_SCALAR *const room = &end[nx]; /* of states of a tree's stages */
+    EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[nx * EXPLICIT_STAGES];
+    const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, room);
     for (size_t d = 0; d < directions; ++d) {
         EOM_SCALAR *const dq_own = &dq[d * (size_t)nq];
         EOM_SCALAR *const dv_own = &dv[d * (size_t)nv];
-        const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
         for (int s = 0; s < count; ++s) {
-            const double share = EOM(explicit_of)(interval)->shares[s];
-            const EOM_SCALAR *const q_here = &states[nx * s];
-            const EOM_SCALAR *const v_here = &q_here[nq];
-            EOM_SCALAR *const dq_here = &moved[nx * s];
-            EOM_SCALAR *const dv_here = &dq_here[nq];
-            EOM(explicit_stage)(interval, s, dq_own, dv_own, da, moved, dq_here, dv_here);
-            if ((s > 0) && (EOM(assembles_stages)(sizes) != 0)) {
-                EOM(explicit_stage)(interval, s, q, v, kept, states, end, &end[nq]);
-                EOM(assemble_tangent)(interval, end, &end[nq], dp, dq_here, dv_here, rest);
-            }
-            EOM(prescribe_tangent)(interval, dq_here, dv_here);
-            EOM(forces_within)(interval, share, (EOM_SCALAR)0.0, q_here, v_here, u, NULL);
-            EOM(forces_tangent)(interval, share, (EOM_SCALAR)0.0, rates, d, q_here, v_here, dq_here, dv_here, du);
-            EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, q_here, v_here, u, dq_here, dv_here, du, dp, &da[nv * s]), nv, &da[nv * s]);
+            EOM_SCALAR *const there = &moved[nx * s];
+            EOM(explicit_stage)(interval, s, dq_own, dv_own, da, moved, there, &there[nq]);
+            if (EOM(assembles_stage)(sizes, s) != 0) { EOM(explicit_stage)(interval, s, q, v, kept, states, end, &end[nq]); }
+            EOM(stage_tangent)(interval, s, EOM(explicit_of)(interval)->shares[s], end, &states[nx * s], rates, d, there, &da[nv * s], rest);
         }
         EOM(explicit_stage)(interval, count, dq_own, dv_own, da, moved, end, &end[nq]);
         (void)memcpy(dq_own, end, (size_t)nq * sizeof *end);
@@ -299,8 +316,8 @@ EOM_LOCAL void EOM(implicit_adjoint)(const EOM(interval) *restrict interval, con
     EOM(add_share)(nq, dt, to_q, to_v);
     for (int i = 0; i < nv; ++i) { by_a[i] = dt * to_v[i]; }
     EOM(refuse_failed)(KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient), nq, gradient);
-    EOM(add_share)(nq, (EOM_SCALAR)1.0, gradient, to_q);
-    EOM(add_share)(nv, (EOM_SCALAR)1.0, &gradient[nq], to_v);
+    EOM(add_share)(nq, C(1.0), gradient, to_q);
+    EOM(add_share)(nv, C(1.0), &gradient[nq], to_v);
     for (int i = 0; i < nu; ++i) { EOM(gains_adjoint)(interval, i, slope[i] * dt * dt * gradient[nx + nu + i], slope[i] * dt * gradient[nx + nu + i], slopes); }
     EOM(forces_adjoint)(interval, 1.0, dt, q, v, &gradient[nx], to_q, to_v, slopes);
     EOM(parameters_adjoint)(interval, &gradient[nx + 2 * nu], slopes);

@@ -49,6 +49,7 @@ from ..runtime.arrays import flag, joint_lead, numbers_in
 from .independent import Independent
 
 KERNELS = MOMENTUM_OBSERVER
+SOLVED = "clib/dependent_coordinates.h"  # of the C library, of closed mechanisms
 PerCoordinate = float | Sequence[float] | Mapping[str, float]  # a number for all, one each, or by names
 
 
@@ -190,9 +191,11 @@ class MomentumObserver:
     def sources(self) -> dict[str, str]:
         """Return names and texts of the observer's C, which stands beside the robot's with ``kernels_in_c``.
 
+        Of closed mechanisms the file of the C library that it includes is among them.
         It takes no heap, keeps its state in the caller's struct, and needs the same time for each sample.  Its numbers
         are those of ``step`` to the bit, where products are not fused with sums; of closed mechanisms to round-off.
         """
+        from ..codegen.c.library import library_files
         from ..codegen.c.source import environment
 
         scalar = SCALARS[str(self.dtype)]
@@ -218,12 +221,14 @@ class MomentumObserver:
             "one": scalar.literal(1.0),
             "per_second": scalar.literal(float(self._per_second)),
         }
-        return {
+        made = {
             f"{self.robot.name}_momentum_observer.{ending}": environment()
             .get_template(f"control/momentum_observer.{ending}.jinja")
             .render(context)
             for ending in ("h", "c")
         }
+        library = {} if self._independent is None else {SOLVED: library_files()[SOLVED]}
+        return {**library, **made}
 
     def write(self, folder: Path | str) -> Path:
         """Write the robot's package with ``kernels_in_c`` into a folder, and the observer's C into it; return its path.

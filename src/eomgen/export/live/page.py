@@ -104,14 +104,13 @@ def _html(values: dict[str, Any], modules: dict[str, str]) -> str:
     drives, count = len(values["drives"]), len(values["coordinates"])
     words = [f"{count} coordinate{'s' * (count != 1)}", f"{drives} drive{'s' * (drives != 1)}"]
     line = f"{', '.join(words)}; simulated in this page by its equations of motion"
-    return filled_page(TEMPLATE, values, modules, start="page", title=f"{values['name']}: eomgen live", line=line)
+    return filled_page(values, modules, start="page", title=f"{values['name']}: eomgen live", line=line)
 
 
-def filled_page(template: str, values: dict[str, Any], modules: dict[str, str], **about: str) -> str:
+def filled_page(values: dict[str, Any], modules: dict[str, str], **about: str) -> str:
     """Return the text of a page that asks for nothing outside of it.
 
     Args:
-        template: of the page.
         values: its data, as JSON holds them; ``name`` is that of the robot.
         modules: texts of modules of this page alone, by the names that scripts import them by: "#live/kernel".
         about: ``start``, the script that begins, ``title`` and a ``line`` below the name.
@@ -127,7 +126,8 @@ def filled_page(template: str, values: dict[str, Any], modules: dict[str, str], 
         " img-src data:; base-uri 'none'; form-action 'none'"
     )
     html = environment().overlay(autoescape=True, keep_trailing_newline=False)
-    return html.get_template(template).render(
+    return html.get_template(TEMPLATE).render(
+        simulated=about["start"] == "page",
         policy=Markup(policy),  # nothing of a description is in it
         version=__version__,
         title=about["title"],

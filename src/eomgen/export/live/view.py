@@ -27,7 +27,6 @@ from ...robot.value import Joint, Loop, Robot, SlidingShapes
 from .geometry import geometry_of, tool_place
 from .page import filled_page
 
-TEMPLATE = "live/view.html.jinja"
 HEIGHT = 520  # in a notebook, pixels
 BENT, BENT_ANGLE = 0.15, 0.5  # largest deflection by a mode's slider, of the robot's size; rotation, rad
 MOST_FRAMES = 4  # whose positions are shown
@@ -109,7 +108,7 @@ def robot_page(robot: RobotLike) -> RobotPage:
     count = len(values["sliders"]) - modes
     bend = f", {modes} mode{'s' * (modes != 1)} of links" if modes else ""
     line = f"{count} joint coordinate{'s' * (count != 1)}{bend}; elastic joints are drawn rigid, nothing is simulated"
-    text = filled_page(TEMPLATE, values, {}, start="view", title=f"{described.name}: eomgen view", line=line)
+    text = filled_page(values, {}, start="view", title=f"{described.name}: eomgen view", line=line)
     return RobotPage(described.name, text, tuple(values["notes"]))
 
 
