@@ -155,7 +155,7 @@ def on_cortex_m7(program: EveryFunction) -> Numbers:
     size = np.dtype(program.dtype).itemsize
     flags = ["-target", "thumb-freestanding-eabihf", "-mcpu=cortex_m7+fp_armv8d16sp", "-ffreestanding", "-fbuiltin"]
     flags += [x for kind in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / kind))]
-    flags += ["-DBARE", f"-DEOMGEN_VECTOR={size}", "-Wl,-T,link.ld", "-Wl,-e,reset"]
+    flags += ["-DBARE", f"-DEOM_VECTOR_BYTES={size}", "-Wl,-T,link.ld", "-Wl,-e,reset"]
     image = Image(compiled(program, ZIG, flags, ()))
     machine = unicorn.Uc(unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS)
     machine.ctl_set_cpu_model(arm_const.UC_CPU_ARM_CORTEX_M7)

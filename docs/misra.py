@@ -36,7 +36,7 @@ static const EOM_TABLES_OF_FRAMES(1, 1, 1, 1, 1, 1) frames = { .first_frame = 0,
 """  # which kinematics.h reads
 OPTIONS = (
     *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
-    *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),
+    *("-D__GNUC__=12", "-DEOM_VECTOR_BYTES=0", "--template={id} {file}:{line}:{column}", "--quiet"),
 )
 _RULE = re.compile(r"^### (?:Rule )?(\d+\.\d+|\w+) \((mandatory|required|advisory|style)\)", re.MULTILINE)
 _VERSION = re.compile(r"Cppcheck \d+\.\d+")

@@ -148,7 +148,7 @@ def number_context(equations: Equations, meta: Mapping[str, Any], constants: Con
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
-    singular = f"singular({len(model.coordinates)}, pivot)"
+    singular = f"eom_singular({len(model.coordinates)}, pivot)"
     definitions = [
         define(
             program,
@@ -339,7 +339,7 @@ def lane_context(equations: Equations, constants: Constants | None = None) -> di
     public = _functions(functions(together, known))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
-    singular = f"singular_lanes({len(model.coordinates)}, {statuses(model)}, pivot)"
+    singular = f"eom_singular_lanes({len(model.coordinates)}, {statuses(model)}, pivot)"
     alone = {name: packing.program for name, packing in packings.items()}
     definitions = [
         define(

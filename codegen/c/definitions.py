@@ -55,8 +55,8 @@ class Definition:
         if not angles:
             return ""
         if self.scalar.spread and place:
-            return f"TURN_AT({len(angles)}, {place})"
-        return f"TURN{'_LANES' if self.scalar.spread else ''}({len(angles)}, {', '.join(angles)})"
+            return f"EOM_SIN_COS_AT({len(angles)}, {place})"
+        return f"EOM_SIN_COS{'_LANES' if self.scalar.spread else ''}({len(angles)}, {', '.join(angles)})"
 
     @property
     def parts(self) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:

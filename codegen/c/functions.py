@@ -17,7 +17,7 @@ from .source import environment
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Numbers of the sines and cosines of one precision, which ``turn`` of ``clib/lanes.h`` takes.
+    """Numbers of the sines and cosines of one precision, which ``eom_sin_cos`` of ``clib/lanes.h`` takes.
 
     error: of a result, in units in the last place.
     farthest: larger angles are left to the C library.
@@ -93,7 +93,7 @@ def device_functions(operations: Operations, scalar: Scalar) -> list[dict[str, A
     """Return names, arguments and values of the functions of operations, with literals of the precision."""
 
     def written(c: str) -> str:
-        return re.sub(r"\bC\(([^()]*)\)", lambda found: scalar.literal(float(found[1])), c)
+        return re.sub(r"\bEOM_C\(([^()]*)\)", lambda found: scalar.literal(float(found[1])), c)
 
     called = (operation for operation in operations.values() if operation.function)
     return [{"name": x.function, "arguments": x.arguments, "value": written(x.c)} for x in called]

@@ -95,7 +95,7 @@ class Scalar:
 
     def lanes(self, *, apart: bool = False) -> Scalar:
         """Return vectors of these numbers, named as in ``clib/lanes.h``; apart: see above."""
-        return replace(self, name="lanes", spread="ALL", inner=self.name, apart=apart)
+        return replace(self, name="lanes", spread="EOM_ALL_LANES", inner=self.name, apart=apart)
 
     def whole(self, text: str) -> str:
         """Write a number where a value of this type has to stand."""

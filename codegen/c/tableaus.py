@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from eomgen.kernel.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
 
-STAGES = 6  # EXPLICIT_STAGES and ROSENBROCK_STAGES of clib/methods.h, for which workspaces have room
-KINDS = {EXPLICIT: "EXPLICIT_KIND", ROSENBROCK: "ROSENBROCK_KIND"}
+STAGES = 6  # EOM_EXPLICIT_STAGES and EOM_ROSENBROCK_STAGES of clib/methods.h, for which workspaces have room
+KINDS = {EXPLICIT: "EOM_EXPLICIT_KIND", ROSENBROCK: "EOM_ROSENBROCK_KIND"}
 
 Exact = NDArray[Any]
 
@@ -52,7 +52,7 @@ def transformed(method: IntegrationMethod) -> tuple[Exact, Exact, Exact, Exact]:
 
 def _numbers(values: Iterable[float], *, scalars: bool = True) -> str:
     numbers = [repr(float(x)) for x in values] or ["0.0"]
-    return "{ " + ", ".join(f"C({x})" if scalars else x for x in numbers) + " }"
+    return "{ " + ", ".join(f"EOM_C({x})" if scalars else x for x in numbers) + " }"
 
 
 def _rows(rows: Iterable[Sequence[float]], *, scalars: bool = True) -> str:
@@ -90,7 +90,7 @@ def _rosenbrock(method: IntegrationMethod) -> str:
     return _struct(
         {
             "stages": str(stages),
-            "diagonal": f"C({method.gamma[0][0]!r})",
+            "diagonal": f"EOM_C({method.gamma[0][0]!r})",
             "a": _rows(a[i, :i].tolist() for i in range(stages)),
             "c": _rows(c[i, :i].tolist() for i in range(stages)),
             "b": _numbers(b),
@@ -105,7 +105,7 @@ def _error_control(method: IntegrationMethod) -> str:
     works = method.within or [[weight] for weight in method.weights]
     return _struct(
         {
-            "kind": KINDS.get(method.stability, "RADAU_KIND"),
+            "kind": KINDS.get(method.stability, "EOM_RADAU_KIND"),
             "stages": str(len(method.a) - (method.stability == EXPLICIT) if method.a else len(works)),
             "powers": str(len(works)),
             "degree": str(max(map(len, method.within), default=0)),

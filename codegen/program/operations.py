@@ -38,7 +38,7 @@ class Operation:
         signs: with which it adds its arguments up; none where it is no sum.
         form: with ``str.format``, in C and Python; of a function in Python, where xp is a namespace such as numpy.
         function: of C, for one number and with the suffix _lanes for a vector of them; empty where C has an operator.
-        c: what ``function`` returns, an expression of ``arguments`` in which C(...) is a literal of the precision.
+        c: what ``function`` returns, an expression of ``arguments`` in which EOM_C(...) is a literal of the precision.
         lanes: the same of vectors, with the statements in front; empty where it is ``c`` lane by lane.
         sympy: (sympy, *x) -> its expression, of a function; the module is an argument, so that programs import none.
         error: of the value that C computes, in units in the last place; 0 where it is exact.
@@ -107,7 +107,7 @@ def _masked(condition: str, x: str, y: str) -> str:
     return f"const bits holds = (bits)({condition}); return (lanes)((holds & (bits){x}) | (~holds & (bits){y}));"
 
 
-_ZERO = "const lanes none = { C(0.0) };"
+_ZERO = "const lanes none = { EOM_C(0.0) };"
 _SIGN_TEXT = "{op} at the sign of what is in {0}: rounding may decide it"
 OPERATIONS: Operations = MappingProxyType(
     {
@@ -189,7 +189,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: g.choose(x[0], dx[0], -dx[0]),
             taylor=lambda g, x, z, k: g.choose(x[0][0], x[0][k], -x[0][k]),
             form="abs({0})",
-            function="magnitude",
+            function="eom_abs",
             c="EOM_MATH(fabs)(x)",
             lanes=f"{_ZERO} return (lanes)((bits)x & ~(bits)-none);",
             sympy=lambda sympy, x: sympy.Abs(x),
@@ -204,7 +204,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: dx[1] + g.call("step", x[0] - x[1]) * (dx[0] - dx[1]),
             taylor=lambda g, x, z, k: x[1][k] + g.call("step", x[0][0] - x[1][0]) * (x[0][k] - x[1][k]),
             form="xp.where({0} < {1}, {1}, {0})",
-            function="larger",
+            function="eom_max",
             c="(x < y) ? y : x",
             lanes=_masked("x < y", "y", "x"),
             sympy=lambda sympy, x, y: sympy.Max(x, y),
@@ -216,9 +216,9 @@ OPERATIONS: Operations = MappingProxyType(
             lambda x: 1.0 if x > 0.0 else 0.0,
             lambda x: (x > 0.0).astype(x.dtype),
             form="xp.where({0} > 0.0, xp.ones_like({0}), xp.zeros_like({0}))",
-            function="positive",
-            c="(x > C(0.0)) ? C(1.0) : C(0.0)",
-            lanes=f"{_ZERO} return (lanes)((bits)(x > none) & (bits)(none + C(1.0)));",
+            function="eom_heaviside",
+            c="(x > EOM_C(0.0)) ? EOM_C(1.0) : EOM_C(0.0)",
+            lanes=f"{_ZERO} return (lanes)((bits)(x > none) & (bits)(none + EOM_C(1.0)));",
             sympy=lambda sympy, x: sympy.Heaviside(x, 0),
             interval=lambda iv, x: iv.step(x),
             barrier=(_SIGN_TEXT, lambda x: (x[0] <= 0.0) & (x[1] > 0.0)),
@@ -233,8 +233,8 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: g.choose(x[0], dx[1], dx[2]),
             taylor=lambda g, x, z, k: g.choose(x[0][0], x[1][k], x[2][k]),
             form="xp.where({0} > 0.0, {1}, {2})",
-            function="chosen",
-            c="(gate > C(0.0)) ? x : y",
+            function="eom_select",
+            c="(gate > EOM_C(0.0)) ? x : y",
             lanes=f"{_ZERO} {_masked('gate > none', 'x', 'y')}",
             sympy=lambda sympy, gate, x, y: sympy.Piecewise((x, gate > 0), (y, True)),
             interval=lambda iv, gate, x, y: iv.choose(gate, x, y),
@@ -249,7 +249,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y),
             taylor=series.square_root,
             form="xp.sqrt({0})",
-            function="root",
+            function="eom_sqrt",
             c="EOM_MATH(sqrt)(x)",
             sympy=lambda sympy, x: sympy.sqrt(x),
             error=ROUNDED,
@@ -264,7 +264,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1]),
             taylor=series.angle,
             form="xp.arctan2({0}, {1})",
-            function="bearing",
+            function="eom_atan2",
             c="EOM_MATH(atan2)(y, x)",
             sympy=lambda sympy, x, y: sympy.atan2(x, y),
             error=CALLED,
@@ -279,7 +279,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: y * dx[0],
             taylor=series.exponential,
             form="xp.exp({0})",
-            function="exponential",
+            function="eom_exp",
             c="EOM_MATH(exp)(x)",
             sympy=lambda sympy, x: sympy.exp(x),
             error=CALLED,
@@ -293,7 +293,7 @@ OPERATIONS: Operations = MappingProxyType(
             rate=lambda g, x, y, dx: dx[0] * (1.0 / x[0]),
             taylor=series.logarithm,
             form="xp.log({0})",
-            function="logarithm",
+            function="eom_log",
             c="EOM_MATH(log)(x)",
             sympy=lambda sympy, x: sympy.log(x),
             error=CALLED,

@@ -105,4 +105,4 @@ class Writer:
 
     def _expression(self, op: str, args: list[str]) -> str:
         operation = self.program.operations[op]
-        return f"eom_{operation.function}({', '.join(args)})" if operation.function else operation.form.format(*args)
+        return f"{operation.function}({', '.join(args)})" if operation.function else operation.form.format(*args)

@@ -28,7 +28,7 @@ PAGE = HERE.parents[1] / "docs" / "controllers.md"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 SAID = {"library": "libm's sine", "own": "its own sine"}
 # sines of the C library, or of the polynomials in vectors of one float
-SINES = {"library": ("-DEOM_LIBM", "-DEOMGEN_VECTOR=0"), "own": ("-DEOMGEN_VECTOR=4",)}
+SINES = {"library": ("-DEOM_LIBM", "-DEOM_VECTOR_BYTES=0"), "own": ("-DEOM_VECTOR_BYTES=4",)}
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-ffreestanding")
 GCC = ("arm-none-eabi-gcc", "-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard", "-fstack-usage")
 # zig uses no FPU unless it is named

@@ -40,7 +40,7 @@ def linked(files: Mapping[str, str], entry: str, folder: Path, *, dtype: str = "
     include = [x for kind in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / kind))]
     sources = [name for name in (*files, "entry.c") if name.endswith(".c") and "/" not in name]
     vector = 4 if dtype == "float32" else 8  # sines of generated polynomials
-    macros = (f"-DEOMGEN_VECTOR={vector}",)
+    macros = (f"-DEOM_VECTOR_BYTES={vector}",)
     tool = [sys.executable, "-m", "ziglang", "cc", *TARGET, *FLAGS, *include, *macros]
     words = [*tool, "-Wl,-T,link.ld", "-Wl,-e,reset", *sources, "-o", "calls.elf"]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)

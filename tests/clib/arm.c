@@ -52,13 +52,13 @@ int main(int count, char **words)
             int same = 1;
             for (int i = 0; i < N; ++i) {
                 q[i] = atof(words[first + i]);
-                many[i] = ALL(q[i]);
+                many[i] = EOM_ALL_LANES(q[i]);
             }
             eom_arm(h, q, frame, pose, jacobian);
             eom_arm_lanes(h, many, frame, poses, jacobians);
-            for (int l = 0; l < LANES; ++l) {
-                for (int i = 0; i < 16; ++i) { same &= LANE(poses[i], l) == pose[i]; }
-                for (int i = 0; i < 6 * N; ++i) { same &= LANE(jacobians[i], l) == jacobian[i]; }
+            for (int l = 0; l < EOM_LANES; ++l) {
+                for (int i = 0; i < 16; ++i) { same &= EOM_LANE(poses[i], l) == pose[i]; }
+                for (int i = 0; i < 6 * N; ++i) { same &= EOM_LANE(jacobians[i], l) == jacobian[i]; }
             }
             for (int i = 0; i < 16; ++i) { printf("%.17g ", pose[i]); }
             for (int i = 0; i < 6 * N; ++i) { printf("%.17g ", jacobian[i]); }

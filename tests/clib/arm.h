@@ -3,12 +3,12 @@
 #include "kinematics.h"
 
 /* kept: sine and cosine of the upper link's angle; and of the forearm's, and its origin. */
-static void F(arm_run)(int run, int last, const EOM_SCALAR *h, const REAL *q, const REAL *sine, const REAL *cosine, REAL *kept, REAL *pose, REAL *origins, REAL *axes)
+static void EOM_F(arm_run)(int run, int last, const EOM_SCALAR *h, const EOM_REAL *q, const EOM_REAL *sine, const EOM_REAL *cosine, EOM_REAL *kept, EOM_REAL *pose, EOM_REAL *origins, EOM_REAL *axes)
 {
     const EOM_SCALAR upper = h[0], forearm = h[1];
-    const REAL zero = WHOLE(C(0.0)), one = WHOLE(C(1.0));
-    const REAL at_base[5] = { zero, one, zero, zero, zero };
-    const REAL *const from = (run == 2) ? at_base : (run == 3) ? kept : &kept[2];
+    const EOM_REAL zero = EOM_WHOLE(EOM_C(0.0)), one = EOM_WHOLE(EOM_C(1.0));
+    const EOM_REAL at_base[5] = { zero, one, zero, zero, zero };
+    const EOM_REAL *const from = (run == 2) ? at_base : (run == 3) ? kept : &kept[2];
     switch (run) {
     case 0: /* the base and the upper link */
         if (last < 1) { return; }
@@ -41,13 +41,13 @@ static void F(arm_run)(int run, int last, const EOM_SCALAR *h, const REAL *q, co
     }
 }
 
-static void F(arm)(const EOM_SCALAR *h, const REAL *q, int frame, REAL *pose, REAL *jacobian)
+static void EOM_F(arm)(const EOM_SCALAR *h, const EOM_REAL *q, int frame, EOM_REAL *pose, EOM_REAL *jacobian)
 {
     int way[3];
-    REAL turning[PADDED(2)], sines[PADDED(2)], cosines[PADDED(2)], kept[6], origins[6], axes[9];
-    const REAL angle[2] = { q[0], q[ARM_TURNS] };
-    const F(way) room = { way, turning, sines, cosines, kept };
-    F(forward_kinematics)(F(arm_run), h, q, angle, frame, pose, origins, axes, room);
-    F(last_row)(pose);
-    F(frame_jacobian)(frame, pose, origins, axes, jacobian);
+    EOM_REAL turning[EOM_PADDED(2)], sines[EOM_PADDED(2)], cosines[EOM_PADDED(2)], kept[6], origins[6], axes[9];
+    const EOM_REAL angle[2] = { q[0], q[ARM_TURNS] };
+    const EOM_F(way) room = { way, turning, sines, cosines, kept };
+    EOM_F(forward_kinematics)(EOM_F(arm_run), h, q, angle, frame, pose, origins, axes, room);
+    EOM_F(last_row)(pose);
+    EOM_F(frame_jacobian)(frame, pose, origins, axes, jacobian);
 }

@@ -173,16 +173,16 @@ static int adjoint(int what, const double *h, const double *times, const double 
 
 static int call_lanes(int what, const lanes *h, const lanes *times, const lanes *const *arrays, lanes *out)
 {
-    for (int l = 0; l < LANES; ++l) {
+    for (int l = 0; l < EOM_LANES; ++l) {
         double own[4][MOST], h_own[NUMBERS], t[4] = { 0.0 }, found[MOST];
         const double *const all[4] = { own[0], own[1], own[2], own[3] };
         for (int k = 0; k < 4; ++k) {
-            for (int i = 0; i < sizes_of[what][k]; ++i) own[k][i] = LANE(arrays[k][i], l);
+            for (int i = 0; i < sizes_of[what][k]; ++i) own[k][i] = EOM_LANE(arrays[k][i], l);
         }
-        for (int i = 0; i < NUMBERS; ++i) h_own[i] = LANE(h[i], l);
-        for (int i = 0; (times != NULL) && (i < ((what == PAIR_FACTORS) ? 4 : 2)); ++i) t[i] = LANE(times[i], l);
+        for (int i = 0; i < NUMBERS; ++i) h_own[i] = EOM_LANE(h[i], l);
+        for (int i = 0; (times != NULL) && (i < ((what == PAIR_FACTORS) ? 4 : 2)); ++i) t[i] = EOM_LANE(times[i], l);
         (void)call(what, h_own, t, all, found);
-        for (int i = 0; i < results[what]; ++i) LANE(out[i], l) = found[i];
+        for (int i = 0; i < results[what]; ++i) EOM_LANE(out[i], l) = found[i];
     }
     return 0;
 }
@@ -284,7 +284,7 @@ static const eom_robot_derivatives derivatives = {
     forward_dynamics_tangent, implicit_step_tangent, stage_factors_tangent, stage_solution_tangent, settling_tangent,
 };
 
-enum { ROOM = EOM_STATE_ROOM(3, CLOSED, NUMBERS, FACTORS, WRENCH, NUMBERS, 0) + EOM_RADAU_ROOM(3, CLOSED, FACTORS, PAIRS), INPUT = EOM_INPUT_ROOM(3, LANES, 0), INDEX = EOM_INDEX_ROOM(3, LANES, 0) };
+enum { ROOM = EOM_STATE_ROOM(3, CLOSED, NUMBERS, FACTORS, WRENCH, NUMBERS, 0) + EOM_RADAU_ROOM(3, CLOSED, FACTORS, PAIRS), INPUT = EOM_INPUT_ROOM(3, EOM_LANES, 0), INDEX = EOM_INDEX_ROOM(3, EOM_LANES, 0) };
 enum { SLOPE_ROOM = EOM_SENSITIVITY_ROOM(3, CLOSED, NUMBERS, FACTORS, WRENCH, NUMBERS, 0), SLOPE_INPUT = EOM_SENSITIVITY_INPUT_ROOM(3) };
 
 static const double h[NUMBERS] = { 1.5, 0.8, 20.0, 12.0, 6.0, 0.2, 0.1, 3.0, 0.05 };

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tests.clib.test_library import HERE, LIBRARY, SANITIZED, WHOLE, program, said
 from tests.support.soak import soaked
 
-LANES = (str(LIBRARY / "integrate_lanes.c"), "-DEOMGEN_VECTOR=16")
+LANES = (str(LIBRARY / "integrate_lanes.c"), "-DEOM_VECTOR_BYTES=16")
 SEPARATE, FLAT = (2, 2), (3, 3)  # positions and inputs, of three rates
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from tests.support.processors import skip_without
 
 LIBRARY = Path(eomgen.__path__[0], "clib")
 SOURCE = Path(__file__).with_name("lanes.c")
-WIDTHS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2",), ("-mavx512f",), ("-DEOMGEN_VECTOR=64", "-Wno-psabi")]
+WIDTHS = [("-DEOM_VECTOR_BYTES=0",), (), ("-mavx2",), ("-mavx512f",), ("-DEOM_VECTOR_BYTES=64", "-Wno-psabi")]
 LEFT = -77.0  # what nobody has written
 Array = NDArray[Any]
 
@@ -193,7 +193,7 @@ FFI.cdef(OF_TREES)
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> Any:
     made = tmp_path_factory.mktemp("derivatives") / "derivatives.so"
-    command = ["cc", *WARNINGS, "-Werror", "-shared", "-fPIC", *FLAGS, f"-I{LIBRARY}", "-DEOMGEN_VECTOR=16"]
+    command = ["cc", *WARNINGS, "-Werror", "-shared", "-fPIC", *FLAGS, f"-I{LIBRARY}", "-DEOM_VECTOR_BYTES=16"]
     subprocess.run([*command, str(DERIVATIVES), "-o", str(made), "-lm"], check=True)
     return FFI.dlopen(str(made))
 

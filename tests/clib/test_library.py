@@ -39,7 +39,7 @@ WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werro
 COMPILERS = ("gcc", "clang", "zig")  # the last one is clang, too
 KNOWN = tuple(f"-DEOM_{x}" for x in ("POSITIONS=3", "RATES=4", "INPUTS=3", "M=0", "ROTATIONS=0"))
 OPTIONS: tuple[tuple[str, ...], ...] = ((), ("-DEOM_SINGLE",), KNOWN)
-WIDTHS = {"-DEOMGEN_VECTOR=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
+WIDTHS = {"-DEOM_VECTOR_BYTES=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
 METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")
 WITHIN = {"rk4": 1e-12, "implicit": 2e-4, "rosenbrock": 1e-8, "tsit5": 2e-9, "radau": 2e-9}  # rad, rad/s
 Array = NDArray[np.float64]
@@ -427,7 +427,7 @@ def frame_of(q: Array, frame: int) -> tuple[Array, Array]:
 def test_an_arm_written_by_hand(way: str, make: Make) -> None:
     """Poses and Jacobians of all frames, by lanes to the bit; of a forearm that follows both axes are one column."""
     follows = way == "follows"
-    flags = ("-DFOLLOWS",) if follows else (f"-DEOMGEN_VECTOR={way}", *(("-mavx",) if way == "32" else ()))
+    flags = ("-DFOLLOWS",) if follows else (f"-DEOM_VECTOR_BYTES={way}", *(("-mavx",) if way == "32" else ()))
     states = STATES[:, :2] if follows else STATES
     found = numbers(make("arm", "-ffp-contract=off", *SANITIZED, *flags), UPPER, FOREARM, *states.ravel().tolist())
     for frame, rows in enumerate(found.reshape(3, len(states), -1)):

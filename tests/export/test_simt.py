@@ -198,7 +198,7 @@ def test_all_operations_have_a_text() -> None:
     program = every_operation()
     lines = "\n".join(Writer(program, scheduled(program, PLACES["float64"]), SCALARS["float64"]).lines())
     for operation in CALLS.values():
-        assert f"eom_{operation.function}(" in lines
+        assert f"{operation.function}(" in lines
     assert lines.count("EOM_TURN(") == 2
     assert "EOM_CHECK(" in lines
 

@@ -238,7 +238,7 @@ def test_all_levels_give_the_same_bits(seed: int, dtype: str, kernels: Any) -> N
     """Functions of a random robot, one state and several; vectors that are wider or narrower change nothing."""
     robot = random_robot(seed, joints=(1, 3), tree=seed % 2 == 0)
     ways: list[dict[str, Any]] = [{"level": level} for level in supported()]
-    ways += [{"flags": ("-O1", "-DEOMGEN_VECTOR=64")}, {"level": "v1", "flags": ("-O1", "-DEOMGEN_VECTOR=32")}]
+    ways += [{"flags": ("-O1", "-DEOM_VECTOR_BYTES=64")}, {"level": "v1", "flags": ("-O1", "-DEOM_VECTOR_BYTES=32")}]
     builds = [eomgen.build(robot, kernels=kernels, dtype=dtype, **{"flags": ("-O1",), **way}) for way in ways]
     expected, *others = (answers(kernel, seed) for kernel in builds)
     for found in others:

@@ -234,7 +234,7 @@ MUTANTS = [
     ("closed", "inverse_dynamics_under_load", CODE, "a, u, found)", "a, v, found)"),
     ("closed", "reactions", CODE, "out[i] + more[i]", "out[i] - more[i]"),
     ("closed", "loop_reactions", CODE, "loop_wrenches(h, q, v, &found[3]", "loop_wrenches(h, q, v, found"),
-    ("arm", "mass_matrix", LANES, "turned(&x[at], step, more", "turned(&x[at], 0U, more"),
+    ("arm", "mass_matrix", LANES, "eom_transpose_in(&x[at], step, more", "eom_transpose_in(&x[at], 0U, more"),
     ("arm", "mass_matrix", CODE, "out[3] = EOM_C0", "out[3] = 0.3333333334"),
 ]  # fmt: skip
 

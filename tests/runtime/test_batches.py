@@ -91,7 +91,7 @@ def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
 
 @pytest.mark.parametrize("seed", [700, pytest.param(703, marks=pytest.mark.soak)])
 @pytest.mark.parametrize(
-    "flags", [(), ("-DEOMGEN_VECTOR=0",), pytest.param(("-mavx2",), marks=pytest.mark.soak), ("-mavx512f",)]
+    "flags", [(), ("-DEOM_VECTOR_BYTES=0",), pytest.param(("-mavx2",), marks=pytest.mark.soak), ("-mavx512f",)]
 )
 def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
     skip_without(flags)
@@ -211,7 +211,7 @@ def test_a_failure_in_any_lane_is_found(flags: tuple[str, ...]) -> None:
 
 
 N = 37  # states, no multiple of what vectors hold
-WIDTHS = {"-DEOMGEN_VECTOR=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
+WIDTHS = {"-DEOM_VECTOR_BYTES=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
 POINT = f"""
 name = "point"
 {link_table("post", 0.0)}

@@ -30,7 +30,7 @@ typedef struct {
 #endif
 
 /* Solve M x = x for so many columns of x, (n, columns), with the factors of M in place and its pivots. */
-EOM_IN_PLACE void F(solve_branches)(int n, const int *restrict parent, const REAL *restrict M, const REAL *restrict pivot, int columns, REAL *restrict x)
+EOM_IN_PLACE void EOM_F(solve_branches)(int n, const int *restrict parent, const EOM_REAL *restrict M, const EOM_REAL *restrict pivot, int columns, EOM_REAL *restrict x)
 {
     for (int k = n - 1; k >= 0; --k) {
         for (int i = parent[k]; i >= 0; i = parent[i]) {
@@ -47,11 +47,11 @@ EOM_IN_PLACE void F(solve_branches)(int n, const int *restrict parent, const REA
 
 /* Take derivatives of the residual in out into those of accelerations; M, (n, n), and pivot, (n, 2) with a scale behind each, are
  * left as solve_branches reads them. */
-EOM_IN_PLACE void F(accelerations_by)(int n, const int *restrict parent, const int *restrict known, REAL *restrict M, REAL *restrict pivot, REAL *restrict out)
+EOM_IN_PLACE void EOM_F(accelerations_by)(int n, const int *restrict parent, const int *restrict known, EOM_REAL *restrict M, EOM_REAL *restrict pivot, EOM_REAL *restrict out)
 {
-    const REAL zero = WHOLE(C(0.0));
-    const REAL one = WHOLE(C(1.0));
-    REAL *const by_u = &out[2 * n * n];
+    const EOM_REAL zero = EOM_WHOLE(EOM_C(0.0));
+    const EOM_REAL one = EOM_WHOLE(EOM_C(1.0));
+    EOM_REAL *const by_u = &out[2 * n * n];
     for (int i = 0; i < n * n; ++i) { M[i] = by_u[i]; }
     for (int i = 0; (known != NULL) && (i < n); ++i) { /* in the other rows, prescribed accelerations stand on the right */
         for (int j = 0; j < n; ++j) {
@@ -67,7 +67,7 @@ EOM_IN_PLACE void F(accelerations_by)(int n, const int *restrict parent, const i
     for (int k = n - 1; k >= 0; --k) {
         pivot[2 * k] = M[(n + 1) * k];
         for (int i = parent[k]; i >= 0; i = parent[i]) {
-            const REAL factor = M[n * k + i] / pivot[2 * k];
+            const EOM_REAL factor = M[n * k + i] / pivot[2 * k];
             for (int j = i; j >= 0; j = parent[j]) { M[n * i + j] -= factor * M[n * k + j]; }
             M[n * k + i] = factor;
         }
@@ -82,17 +82,17 @@ EOM_IN_PLACE void F(accelerations_by)(int n, const int *restrict parent, const i
         for (int i = 0; i < n * n; ++i) { by_u[i] = zero; }
         for (int i = 0; i < n; ++i) { by_u[(n + 1) * i] = one; }
     }
-    for (int matrix = 0; matrix < 3; ++matrix) { F(solve_branches)(n, parent, M, pivot, n, &out[n * n * matrix]); }
+    for (int matrix = 0; matrix < 3; ++matrix) { EOM_F(solve_branches)(n, parent, M, pivot, n, &out[n * n * matrix]); }
 }
 
 /* Read the blocks' derivatives D: those of their rows by q, which are J, then of J a + J_dot v by q and by v, and those of
  * J^T lambda by q, which the derivatives of the residual by q lose.  rows: (3, kept, n), J and what the rows lack otherwise. */
-EOM_IN_PLACE void F(read_blocks)(int n, const EOM(constraint_rows) *restrict c, const REAL *restrict D, REAL *restrict rows, REAL *restrict by_q)
+EOM_IN_PLACE void EOM_F(read_blocks)(int n, const EOM(constraint_rows) *restrict c, const EOM_REAL *restrict D, EOM_REAL *restrict rows, EOM_REAL *restrict by_q)
 {
     const int matrix = c->kept * n;
     int at = 0;
     int column = 0;
-    for (int i = 0; i < 3 * matrix; ++i) { rows[i] = WHOLE(C(0.0)); }
+    for (int i = 0; i < 3 * matrix; ++i) { rows[i] = EOM_WHOLE(EOM_C(0.0)); }
     for (int b = 0; b < c->blocks; ++b) {
         const int width = c->width[b];
         const int size = c->rows[b] * width;
@@ -116,19 +116,19 @@ EOM_IN_PLACE void F(read_blocks)(int n, const EOM(constraint_rows) *restrict c, 
 }
 
 /* Compute Y = J M^-1, a row per row of J without what is prescribed, A = Y J^T, and the factors of A with more on its diagonal. */
-EOM_IN_PLACE void F(reduced_system)(int n, const int *restrict parent, const int *restrict known, const EOM(constraint_rows) *restrict c, const REAL *restrict M, const REAL *restrict pivot, const REAL *restrict J, REAL *restrict Y, REAL *restrict A, REAL *restrict factors, REAL *restrict added)
+EOM_IN_PLACE void EOM_F(reduced_system)(int n, const int *restrict parent, const int *restrict known, const EOM(constraint_rows) *restrict c, const EOM_REAL *restrict M, const EOM_REAL *restrict pivot, const EOM_REAL *restrict J, EOM_REAL *restrict Y, EOM_REAL *restrict A, EOM_REAL *restrict factors, EOM_REAL *restrict added)
 {
     const int k = c->kept;
-    REAL whole = WHOLE(C(0.0));
+    EOM_REAL whole = EOM_WHOLE(EOM_C(0.0));
     for (int r = 0; r < k; ++r) {
-        REAL *const y = &Y[n * r];
-        for (int i = 0; i < n; ++i) { y[i] = ((known != NULL) && (known[i] != 0)) ? WHOLE(C(0.0)) : J[n * r + i]; }
-        F(solve_branches)(n, parent, M, pivot, 1, y);
+        EOM_REAL *const y = &Y[n * r];
+        for (int i = 0; i < n; ++i) { y[i] = ((known != NULL) && (known[i] != 0)) ? EOM_WHOLE(EOM_C(0.0)) : J[n * r + i]; }
+        EOM_F(solve_branches)(n, parent, M, pivot, 1, y);
     }
-    for (int i = 0; i < c->kinds; ++i) { added[i] = WHOLE(C(0.0)); }
+    for (int i = 0; i < c->kinds; ++i) { added[i] = EOM_WHOLE(EOM_C(0.0)); }
     for (int r = 0; r < k; ++r) {
         for (int s = 0; s <= r; ++s) {
-            REAL product = WHOLE(C(0.0));
+            EOM_REAL product = EOM_WHOLE(EOM_C(0.0));
             for (int i = c->start[r]; i < c->start[r] + c->count[r]; ++i) { product += J[n * r + c->moved[i]] * Y[n * s + c->moved[i]]; }
             A[k * r + s] = product;
             A[k * s + r] = product;
@@ -140,16 +140,16 @@ EOM_IN_PLACE void F(reduced_system)(int n, const int *restrict parent, const int
     for (int r = 0; r < k; ++r) { factors[(k + 1) * r] += added[c->kind[r]] * c->share + whole * c->floor; }
     for (int r = 0; r < k; ++r) {
         for (int s = r + 1; s < k; ++s) {
-            const REAL factor = factors[k * s + r] / factors[(k + 1) * r];
+            const EOM_REAL factor = factors[k * s + r] / factors[(k + 1) * r];
             for (int t = r + 1; t <= s; ++t) { factors[k * s + t] -= factor * factors[k * t + r]; }
         }
     }
 }
 
 /* Solve A x = right by its factors, and refine; rest: k numbers of work. */
-EOM_IN_PLACE void F(solve_reduced)(int k, int refinements, const REAL *restrict A, const REAL *restrict factors, const REAL *restrict right, REAL *restrict x, REAL *restrict rest)
+EOM_IN_PLACE void EOM_F(solve_reduced)(int k, int refinements, const EOM_REAL *restrict A, const EOM_REAL *restrict factors, const EOM_REAL *restrict right, EOM_REAL *restrict x, EOM_REAL *restrict rest)
 {
-    for (int r = 0; r < k; ++r) { x[r] = WHOLE(C(0.0)); }
+    for (int r = 0; r < k; ++r) { x[r] = EOM_WHOLE(EOM_C(0.0)); }
     for (int pass = 0; pass <= refinements; ++pass) {
         for (int r = 0; r < k; ++r) {
             rest[r] = right[r];
@@ -160,7 +160,7 @@ EOM_IN_PLACE void F(solve_reduced)(int k, int refinements, const REAL *restrict 
             rest[r] /= factors[(k + 1) * r];
         }
         for (int r = k - 1; r >= 0; --r) {
-            REAL sum = WHOLE(C(0.0));
+            EOM_REAL sum = EOM_WHOLE(EOM_C(0.0));
             for (int s = r + 1; s < k; ++s) { sum += factors[k * s + r] * rest[s]; }
             rest[r] -= sum / factors[(k + 1) * r];
             x[r] += rest[r];
@@ -171,21 +171,21 @@ EOM_IN_PLACE void F(solve_reduced)(int k, int refinements, const REAL *restrict 
 /* Take derivatives of the residual in out into those of accelerations that keep the loops closed; D as in read_blocks.  Work: rows,
  * (3, kept, n), Y, (kept, n), A and factors, (kept, kept), right, change and rest, (kept), and added, (kinds): arrays of their
  * own, which compilers keep in registers where they are small. */
-EOM_IN_PLACE void F(closed_accelerations_by)(int n, const int *restrict parent, const int *restrict known, const EOM(constraint_rows) *restrict c, const REAL *restrict D, REAL *restrict M, REAL *restrict pivot, REAL *restrict rows, REAL *restrict Y, REAL *restrict A, REAL *restrict factors, REAL *restrict right, REAL *restrict change, REAL *restrict rest, REAL *restrict added, REAL *restrict out)
+EOM_IN_PLACE void EOM_F(closed_accelerations_by)(int n, const int *restrict parent, const int *restrict known, const EOM(constraint_rows) *restrict c, const EOM_REAL *restrict D, EOM_REAL *restrict M, EOM_REAL *restrict pivot, EOM_REAL *restrict rows, EOM_REAL *restrict Y, EOM_REAL *restrict A, EOM_REAL *restrict factors, EOM_REAL *restrict right, EOM_REAL *restrict change, EOM_REAL *restrict rest, EOM_REAL *restrict added, EOM_REAL *restrict out)
 {
     const int k = c->kept;
-    F(read_blocks)(n, c, D, rows, out);
-    F(accelerations_by)(n, parent, known, M, pivot, out);
-    F(reduced_system)(n, parent, known, c, M, pivot, rows, Y, A, factors, added);
+    EOM_F(read_blocks)(n, c, D, rows, out);
+    EOM_F(accelerations_by)(n, parent, known, M, pivot, out);
+    EOM_F(reduced_system)(n, parent, known, c, M, pivot, rows, Y, A, factors, added);
     for (int column = 0; column < 3 * n; ++column) {
         const int matrix = column / n;
         const int i = column % n;
-        REAL *const x = &out[n * n * matrix + i];
+        EOM_REAL *const x = &out[n * n * matrix + i];
         for (int r = 0; r < k; ++r) {
-            right[r] = (matrix < 2) ? rows[(matrix + 1) * k * n + n * r + i] : WHOLE(C(0.0));
+            right[r] = (matrix < 2) ? rows[(matrix + 1) * k * n + n * r + i] : EOM_WHOLE(EOM_C(0.0));
             for (int j = c->start[r]; j < c->start[r] + c->count[r]; ++j) { right[r] -= rows[n * r + c->moved[j]] * x[n * c->moved[j]]; }
         }
-        F(solve_reduced)(k, c->refinements, A, factors, right, change, rest);
+        EOM_F(solve_reduced)(k, c->refinements, A, factors, right, change, rest);
         for (int r = 0; r < k; ++r) {
             for (int j = 0; j < n; ++j) { x[n * j] += Y[n * r + j] * change[r]; }
         }

@@ -4,17 +4,17 @@
 
 /* Charts of the states of all lanes. */
 typedef struct {
-    REAL *h;             /* as joints are turned */
-    EOM_SCALAR *told;    /* (WIDTH, 3 rotations), angles as described */
+    EOM_REAL *h;             /* as joints are turned */
+    EOM_SCALAR *told;    /* (EOM_WIDTH, 3 rotations), angles as described */
     EOM_SCALAR *scratch; /* parameters + rotations + hoisted */
-    int *is_turned;      /* (WIDTH, rotations) */
+    int *is_turned;      /* (EOM_WIDTH, rotations) */
     int *stays;          /* rotations: a controller acts on its angles */
-} F(charts);
+} EOM_F(charts);
 
 /* Take room for charts from a workspace. */
-EOM_LOCAL void F(carve_charts)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, F(workspace) *restrict work)
+EOM_LOCAL void EOM_F(carve_charts)(const EOM(sizes) *restrict sizes, EOM_F(charts) *restrict charts, EOM_F(workspace) *restrict work)
 {
-    const int count = ROTATIONS_OF(sizes);
+    const int count = EOM_ROTATIONS_OF(sizes);
     charts->h = work->state;
     work->state += sizes->hoisted;
     charts->told = (EOM_SCALAR *)(void *)work->state;
@@ -22,13 +22,13 @@ EOM_LOCAL void F(carve_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
     charts->scratch = (EOM_SCALAR *)(void *)work->state;
     work->state += sizes->parameters + count + sizes->hoisted;
     charts->is_turned = work->index;
-    work->index += (int)WIDTH * count;
+    work->index += (int)EOM_WIDTH * count;
     charts->stays = work->index;
     work->index += count;
 }
 
 /* Rates of the other angles of the same rotation: both have one angular velocity in the body's axes. */
-EOM_LOCAL void F(other_rates)(const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, EOM_SCALAR *restrict rate)
+EOM_LOCAL void EOM_F(other_rates)(const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, EOM_SCALAR *restrict rate)
 {
     const EOM_SCALAR cb = EOM_MATH(cos)(angle[1]);
     const EOM_SCALAR sg = EOM_MATH(sin)(angle[2]);
@@ -46,63 +46,63 @@ EOM_LOCAL void F(other_rates)(const EOM_SCALAR *restrict angle, const EOM_SCALAR
 }
 
 /* Read three numbers of a lane from a place on. */
-EOM_LOCAL void F(take)(const REAL *restrict x, int l, int first, EOM_SCALAR *restrict y)
+EOM_LOCAL void EOM_F(take)(const EOM_REAL *restrict x, int l, int first, EOM_SCALAR *restrict y)
 {
     (void)l;
-    for (int i = 0; i < 3; ++i) { y[i] = LANE_OF(x[first + i], l); }
+    for (int i = 0; i < 3; ++i) { y[i] = EOM_LANE_OF(x[first + i], l); }
 }
 
 /* Write three numbers of a lane, those so many places on first. */
-EOM_LOCAL void F(give)(const EOM_SCALAR *restrict y, int l, int first, int places, REAL *restrict x)
+EOM_LOCAL void EOM_F(give)(const EOM_SCALAR *restrict y, int l, int first, int places, EOM_REAL *restrict x)
 {
     (void)l;
-    for (int i = 0; i < 3; ++i) { LANE_OF(x[first + i], l) = y[(i + places) % 3]; }
+    for (int i = 0; i < 3; ++i) { EOM_LANE_OF(x[first + i], l) = y[(i + places) % 3]; }
 }
 
 /* Change a joint's coordinates and velocities to axes so many places on; the angles become other. */
-EOM_LOCAL void F(change_axes)(const EOM(sizes) *restrict sizes, int joint, int places, int l, const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, REAL *restrict q, REAL *restrict v)
+EOM_LOCAL void EOM_F(change_axes)(const EOM(sizes) *restrict sizes, int joint, int places, int l, const EOM_SCALAR *restrict angle, const EOM_SCALAR *restrict other, EOM_REAL *restrict q, EOM_REAL *restrict v)
 {
     const int at = sizes->angles_at[joint];
     const int origin = sizes->origin_at[joint];
     EOM_SCALAR rate[3];
-    F(take)(v, l, at, rate);
-    F(other_rates)(angle, other, rate);
-    F(give)(other, l, at, 0, q);
-    F(give)(rate, l, at, 0, v);
+    EOM_F(take)(v, l, at, rate);
+    EOM_F(other_rates)(angle, other, rate);
+    EOM_F(give)(other, l, at, 0, q);
+    EOM_F(give)(rate, l, at, 0, v);
     if (origin >= 0) {
-        F(take)(q, l, origin, rate);
-        F(give)(rate, l, origin, places, q);
-        F(take)(v, l, origin, rate);
-        F(give)(rate, l, origin, places, v);
+        EOM_F(take)(q, l, origin, rate);
+        EOM_F(give)(rate, l, origin, places, q);
+        EOM_F(take)(v, l, origin, rate);
+        EOM_F(give)(rate, l, origin, places, v);
     }
 }
 
 /* Compute h of a lane, as its joints are turned now. */
-EOM_LOCAL void F(set_up)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, int l)
+EOM_LOCAL void EOM_F(set_up)(const EOM(sizes) *restrict sizes, EOM_F(charts) *restrict charts, int l)
 {
     EOM_SCALAR *const p = charts->scratch;
-    EOM_SCALAR *const h = &p[sizes->parameters + ROTATIONS_OF(sizes)];
-    for (int i = 0; i < sizes->parameters; ++i) { p[i] = LANE_OF(charts->h[i], l); }
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) { p[sizes->parameters + k] = (charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) ? C(1.0) : C(0.0); }
+    EOM_SCALAR *const h = &p[sizes->parameters + EOM_ROTATIONS_OF(sizes)];
+    for (int i = 0; i < sizes->parameters; ++i) { p[i] = EOM_LANE_OF(charts->h[i], l); }
+    for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) { p[sizes->parameters + k] = (charts->is_turned[l * EOM_ROTATIONS_OF(sizes) + k] != 0) ? EOM_C(1.0) : EOM_C(0.0); }
     sizes->setup(p, h);
-    for (int i = 0; i < sizes->hoisted; ++i) { LANE_OF(charts->h[i], l) = h[i]; }
+    for (int i = 0; i < sizes->hoisted; ++i) { EOM_LANE_OF(charts->h[i], l) = h[i]; }
 }
 
 /* Turn the joints whose angles are nearly singular; angles of turned ones are followed as described, turn by turn.  Whether any
  * has changed. */
-EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+EOM_LOCAL int EOM_F(change_charts)(const EOM(sizes) *restrict sizes, EOM_F(charts) *restrict charts, EOM_REAL *restrict q, EOM_REAL *restrict v)
 {
     int any = 0;
-    for (int l = 0; l < (int)WIDTH; ++l) {
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
         int changed = 0;
-        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
-            int *const is_turned = &charts->is_turned[l * ROTATIONS_OF(sizes) + k];
+        for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
+            int *const is_turned = &charts->is_turned[l * EOM_ROTATIONS_OF(sizes) + k];
             const int was_turned = *is_turned;
-            EOM_SCALAR *const told = &charts->told[3 * (l * ROTATIONS_OF(sizes) + k)];
+            EOM_SCALAR *const told = &charts->told[3 * (l * EOM_ROTATIONS_OF(sizes) + k)];
             EOM_SCALAR angle[3];
-            EOM_SCALAR other[3] = { C(0.0), C(0.0), C(0.0) };
-            F(take)(q, l, sizes->angles_at[k], angle);
-            const int is_singular = ((EOM_MATH(fabs)(angle[1]) > C(1.0)) && (EOM_MATH(fabs)(EOM_MATH(cos)(angle[1])) < C(0.5))) ? 1 : 0;
+            EOM_SCALAR other[3] = { EOM_C(0.0), EOM_C(0.0), EOM_C(0.0) };
+            EOM_F(take)(q, l, sizes->angles_at[k], angle);
+            const int is_singular = ((EOM_MATH(fabs)(angle[1]) > EOM_C(1.0)) && (EOM_MATH(fabs)(EOM_MATH(cos)(angle[1])) < EOM_C(0.5))) ? 1 : 0;
             if (charts->stays[k] != 0) { continue; }
             if (was_turned != 0) { EOM(other_angles)(2, angle, told); }
             if (is_singular == 0) { continue; }
@@ -110,12 +110,12 @@ EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
             for (int i = 0; i < 3; ++i) {
                 if (was_turned != 0) { other[i] = told[i]; } else { told[i] = angle[i]; }
             }
-            F(change_axes)(sizes, k, (was_turned != 0) ? 2 : 1, l, angle, other, q, v);
+            EOM_F(change_axes)(sizes, k, (was_turned != 0) ? 2 : 1, l, angle, other, q, v);
             *is_turned = (was_turned != 0) ? 0 : 1;
             changed = 1;
         }
         if (changed != 0) {
-            F(set_up)(sizes, charts, l);
+            EOM_F(set_up)(sizes, charts, l);
             any = 1;
         }
     }
@@ -123,52 +123,52 @@ EOM_LOCAL int F(change_charts)(const EOM(sizes) *restrict sizes, F(charts) *rest
 }
 
 /* Write q and v as described: angles as they were last told, or with near of a state between those at which charts change. */
-EOM_LOCAL void F(describe)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int near, const REAL *restrict q, const REAL *restrict v, REAL *restrict q_told, REAL *restrict v_told)
+EOM_LOCAL void EOM_F(describe)(const EOM(sizes) *restrict sizes, const EOM_F(charts) *restrict charts, int near, const EOM_REAL *restrict q, const EOM_REAL *restrict v, EOM_REAL *restrict q_told, EOM_REAL *restrict v_told)
 {
-    (void)memcpy(q_told, q, (size_t)POSITIONS_OF(sizes) * sizeof *q);
-    (void)memcpy(v_told, v, (size_t)RATES_OF(sizes) * sizeof *v);
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
-            const int joint = l * ROTATIONS_OF(sizes) + k;
+    (void)memcpy(q_told, q, (size_t)EOM_POSITIONS_OF(sizes) * sizeof *q);
+    (void)memcpy(v_told, v, (size_t)EOM_RATES_OF(sizes) * sizeof *v);
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
+        for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
+            const int joint = l * EOM_ROTATIONS_OF(sizes) + k;
             EOM_SCALAR angle[3];
             EOM_SCALAR told[3];
             if (charts->is_turned[joint] == 0) { continue; }
             for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
-            F(take)(q, l, sizes->angles_at[k], angle);
+            EOM_F(take)(q, l, sizes->angles_at[k], angle);
             if (near != 0) { EOM(other_angles)(2, angle, told); }
-            F(change_axes)(sizes, k, 2, l, angle, told, q_told, v_told);
+            EOM_F(change_axes)(sizes, k, 2, l, angle, told, q_told, v_told);
         }
     }
 }
 
 /* Write a row of a lane as described; its angles follow those of the row before.  work: nq + nv. */
-EOM_LOCAL void F(describe_row)(const EOM(sizes) *restrict sizes, F(charts) *restrict charts, int l, EOM_SCALAR *restrict q_row, EOM_SCALAR *restrict v_row, REAL *restrict work)
+EOM_LOCAL void EOM_F(describe_row)(const EOM(sizes) *restrict sizes, EOM_F(charts) *restrict charts, int l, EOM_SCALAR *restrict q_row, EOM_SCALAR *restrict v_row, EOM_REAL *restrict work)
 {
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
-    REAL *const q = work;
-    REAL *const v = &work[nq];
-    for (int i = 0; i < nq; ++i) { q[i] = WHOLE(q_row[i]); }
-    for (int i = 0; i < nv; ++i) { v[i] = WHOLE(v_row[i]); }
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
-        const int joint = l * ROTATIONS_OF(sizes) + k;
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
+    EOM_REAL *const q = work;
+    EOM_REAL *const v = &work[nq];
+    for (int i = 0; i < nq; ++i) { q[i] = EOM_WHOLE(q_row[i]); }
+    for (int i = 0; i < nv; ++i) { v[i] = EOM_WHOLE(v_row[i]); }
+    for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
+        const int joint = l * EOM_ROTATIONS_OF(sizes) + k;
         EOM_SCALAR angle[3];
         EOM_SCALAR *const told = &charts->told[3 * joint];
         if (charts->is_turned[joint] == 0) { continue; }
-        F(take)(q, l, sizes->angles_at[k], angle);
+        EOM_F(take)(q, l, sizes->angles_at[k], angle);
         EOM(other_angles)(2, angle, told);
-        F(change_axes)(sizes, k, 2, l, angle, told, q, v);
+        EOM_F(change_axes)(sizes, k, 2, l, angle, told, q, v);
     }
-    for (int i = 0; i < nq; ++i) { q_row[i] = LANE_OF(q[i], l); }
-    for (int i = 0; i < nv; ++i) { v_row[i] = LANE_OF(v[i], l); }
+    for (int i = 0; i < nq; ++i) { q_row[i] = EOM_LANE_OF(q[i], l); }
+    for (int i = 0; i < nv; ++i) { v_row[i] = EOM_LANE_OF(v[i], l); }
 }
 
 /* Make forces on described coordinates forces on those that there are: of the same power. */
-EOM_LOCAL void F(turn_forces)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, const REAL *restrict q, REAL *restrict u)
+EOM_LOCAL void EOM_F(turn_forces)(const EOM(sizes) *restrict sizes, const EOM_F(charts) *restrict charts, const EOM_REAL *restrict q, EOM_REAL *restrict u)
 {
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
-            const int joint = l * ROTATIONS_OF(sizes) + k;
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
+        for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
+            const int joint = l * EOM_ROTATIONS_OF(sizes) + k;
             const int at = sizes->angles_at[k];
             const int origin = sizes->origin_at[k];
             EOM_SCALAR angle[3];
@@ -176,12 +176,12 @@ EOM_LOCAL void F(turn_forces)(const EOM(sizes) *restrict sizes, const F(charts) 
             EOM_SCALAR force[3];
             if (charts->is_turned[joint] == 0) { continue; }
             if (origin >= 0) {
-                F(take)(u, l, origin, force);
-                F(give)(force, l, origin, 1, u);
+                EOM_F(take)(u, l, origin, force);
+                EOM_F(give)(force, l, origin, 1, u);
             }
-            F(take)(u, l, at, force);
-            if ((force[0] == C(0.0)) && (force[1] == C(0.0)) && (force[2] == C(0.0))) { continue; }
-            F(take)(q, l, at, angle);
+            EOM_F(take)(u, l, at, force);
+            if ((force[0] == EOM_C(0.0)) && (force[1] == EOM_C(0.0)) && (force[2] == EOM_C(0.0))) { continue; }
+            EOM_F(take)(q, l, at, angle);
             for (int i = 0; i < 3; ++i) { told[i] = charts->told[3 * joint + i]; }
             EOM(other_angles)(2, angle, told);
             const EOM_SCALAR s = EOM_MATH(sin)(told[2]);
@@ -195,78 +195,78 @@ EOM_LOCAL void F(turn_forces)(const EOM(sizes) *restrict sizes, const F(charts) 
             const EOM_SCALAR y = c * force[1] - s * across;
             force[0] = EOM_MATH(cos)(angle[1]) * (cg * x - sg * y) + EOM_MATH(sin)(angle[1]) * force[2];
             force[1] = sg * x + cg * y;
-            F(give)(force, l, at, 0, u);
+            EOM_F(give)(force, l, at, 0, u);
         }
     }
 }
 
 /* Begin where q and v are, h as described; joints with a gain of a controller stay as they are. */
-EOM_LOCAL void F(begin_charts)(const EOM(sizes) *restrict sizes, const REAL *restrict h, const EOM_SCALAR *kp, const EOM_SCALAR *kd, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+EOM_LOCAL void EOM_F(begin_charts)(const EOM(sizes) *restrict sizes, const EOM_REAL *restrict h, const EOM_SCALAR *kp, const EOM_SCALAR *kd, EOM_F(charts) *restrict charts, EOM_REAL *restrict q, EOM_REAL *restrict v)
 {
     for (int i = 0; i < sizes->hoisted; ++i) { charts->h[i] = h[i]; }
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+    for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
         const int at = sizes->angles_at[k];
         const int origin = sizes->origin_at[k];
         const int begin = (origin < 0) ? at : origin;
         const int end = (kp == NULL) ? begin : (at + 3);
         charts->stays[k] = 0;
         for (int i = begin; i < end; ++i) {
-            if ((kp[i] > C(0.0)) || (kd[i] > C(0.0))) { charts->stays[k] = 1; }
+            if ((kp[i] > EOM_C(0.0)) || (kd[i] > EOM_C(0.0))) { charts->stays[k] = 1; }
         }
-        for (int l = 0; l < (int)WIDTH; ++l) {
-            charts->is_turned[l * ROTATIONS_OF(sizes) + k] = 0;
-            F(take)(q, l, at, &charts->told[3 * (l * ROTATIONS_OF(sizes) + k)]);
+        for (int l = 0; l < (int)EOM_WIDTH; ++l) {
+            charts->is_turned[l * EOM_ROTATIONS_OF(sizes) + k] = 0;
+            EOM_F(take)(q, l, at, &charts->told[3 * (l * EOM_ROTATIONS_OF(sizes) + k)]);
         }
     }
-    (void)F(change_charts)(sizes, charts, q, v);
+    (void)EOM_F(change_charts)(sizes, charts, q, v);
 }
 
 /* Numbers that a state keeps of its charts. */
-EOM_LOCAL size_t F(kept_of_charts)(const EOM(sizes) *restrict sizes)
+EOM_LOCAL size_t EOM_F(kept_of_charts)(const EOM(sizes) *restrict sizes)
 {
     (void)sizes;
-    return (size_t)(1 + 4 * ROTATIONS_OF(sizes) + STATE_OF(sizes));
+    return (size_t)(1 + 4 * EOM_ROTATIONS_OF(sizes) + EOM_STATE_OF(sizes));
 }
 
 /* Go on where a rollout has ended that kept its charts, if one has. */
-EOM_LOCAL void F(resume_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, F(charts) *restrict charts, REAL *restrict q, REAL *restrict v)
+EOM_LOCAL void EOM_F(resume_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, EOM_F(charts) *restrict charts, EOM_REAL *restrict q, EOM_REAL *restrict v)
 {
-    const int count = ROTATIONS_OF(sizes);
-    const size_t size = F(kept_of_charts)(sizes);
-    if ((drive->turned == NULL) || !(drive->turned[place[0] * size] > C(0.0))) { return; }
-    for (int l = 0; l < (int)WIDTH; ++l) {
+    const int count = EOM_ROTATIONS_OF(sizes);
+    const size_t size = EOM_F(kept_of_charts)(sizes);
+    if ((drive->turned == NULL) || !(drive->turned[place[0] * size] > EOM_C(0.0))) { return; }
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
         const EOM_SCALAR *const kept = &drive->turned[place[l] * size + 1U];
-        for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > C(0.0)) ? 1 : 0; }
+        for (int k = 0; k < count; ++k) { charts->is_turned[l * count + k] = (kept[k] > EOM_C(0.0)) ? 1 : 0; }
         for (int i = 0; i < 3 * count; ++i) { charts->told[3 * l * count + i] = kept[count + i]; }
-        for (int i = 0; i < POSITIONS_OF(sizes); ++i) { LANE_OF(q[i], l) = kept[4 * count + i]; }
-        for (int i = 0; i < RATES_OF(sizes); ++i) { LANE_OF(v[i], l) = kept[4 * count + POSITIONS_OF(sizes) + i]; }
-        F(set_up)(sizes, charts, l);
+        for (int i = 0; i < EOM_POSITIONS_OF(sizes); ++i) { EOM_LANE_OF(q[i], l) = kept[4 * count + i]; }
+        for (int i = 0; i < EOM_RATES_OF(sizes); ++i) { EOM_LANE_OF(v[i], l) = kept[4 * count + EOM_POSITIONS_OF(sizes) + i]; }
+        EOM_F(set_up)(sizes, charts, l);
     }
 }
 
 /* Keep where a rollout ends, for one that goes on from there. */
-EOM_LOCAL void F(keep_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, size_t here, const F(charts) *restrict charts, const REAL *restrict q, const REAL *restrict v)
+EOM_LOCAL void EOM_F(keep_charts)(const EOM(sizes) *restrict sizes, const EOM(drive) *restrict drive, const size_t *restrict place, size_t here, const EOM_F(charts) *restrict charts, const EOM_REAL *restrict q, const EOM_REAL *restrict v)
 {
-    const int count = ROTATIONS_OF(sizes);
+    const int count = EOM_ROTATIONS_OF(sizes);
     if (drive->turned == NULL) { return; }
     for (int l = 0; l < (int)here; ++l) {
-        EOM_SCALAR *const kept = &drive->turned[place[l] * F(kept_of_charts)(sizes)];
-        kept[0] = C(1.0);
-        for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? C(1.0) : C(0.0); }
+        EOM_SCALAR *const kept = &drive->turned[place[l] * EOM_F(kept_of_charts)(sizes)];
+        kept[0] = EOM_C(1.0);
+        for (int k = 0; k < count; ++k) { kept[1 + k] = (charts->is_turned[l * count + k] != 0) ? EOM_C(1.0) : EOM_C(0.0); }
         for (int i = 0; i < 3 * count; ++i) { kept[1 + count + i] = charts->told[3 * l * count + i]; }
-        for (int i = 0; i < POSITIONS_OF(sizes); ++i) { kept[1 + 4 * count + i] = LANE_OF(q[i], l); }
-        for (int i = 0; i < RATES_OF(sizes); ++i) { kept[1 + 4 * count + POSITIONS_OF(sizes) + i] = LANE_OF(v[i], l); }
+        for (int i = 0; i < EOM_POSITIONS_OF(sizes); ++i) { kept[1 + 4 * count + i] = EOM_LANE_OF(q[i], l); }
+        for (int i = 0; i < EOM_RATES_OF(sizes); ++i) { kept[1 + 4 * count + EOM_POSITIONS_OF(sizes) + i] = EOM_LANE_OF(v[i], l); }
     }
 }
 
 /* The place among a lane's of a described coordinate: the axes of turned joints have moved on by one; -1 of their angles. */
-EOM_LOCAL int F(place_of_gain)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int l, int i)
+EOM_LOCAL int EOM_F(place_of_gain)(const EOM(sizes) *restrict sizes, const EOM_F(charts) *restrict charts, int l, int i)
 {
     int place = i;
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+    for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
         const int angle = i - sizes->angles_at[k];
         const int axis = i - sizes->origin_at[k];
-        if (charts->is_turned[l * ROTATIONS_OF(sizes) + k] == 0) { continue; }
+        if (charts->is_turned[l * EOM_ROTATIONS_OF(sizes) + k] == 0) { continue; }
         if ((angle >= 0) && (angle < 3)) { place = -1; }
         if ((sizes->origin_at[k] >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 2) % 3; }
     }
@@ -274,13 +274,13 @@ EOM_LOCAL int F(place_of_gain)(const EOM(sizes) *restrict sizes, const F(charts)
 }
 
 /* Which number of a described state stands at a place of a lane's. */
-EOM_LOCAL int F(described_place)(const EOM(sizes) *restrict sizes, const F(charts) *restrict charts, int l, int i)
+EOM_LOCAL int EOM_F(described_place)(const EOM(sizes) *restrict sizes, const EOM_F(charts) *restrict charts, int l, int i)
 {
     int place = i;
-    for (int k = 0; k < ROTATIONS_OF(sizes); ++k) {
+    for (int k = 0; k < EOM_ROTATIONS_OF(sizes); ++k) {
         const int origin = sizes->origin_at[k];
-        const int axis = ((i < POSITIONS_OF(sizes)) ? i : (i - POSITIONS_OF(sizes))) - origin;
-        if ((charts->is_turned[l * ROTATIONS_OF(sizes) + k] != 0) && (origin >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 1) % 3; }
+        const int axis = ((i < EOM_POSITIONS_OF(sizes)) ? i : (i - EOM_POSITIONS_OF(sizes))) - origin;
+        if ((charts->is_turned[l * EOM_ROTATIONS_OF(sizes) + k] != 0) && (origin >= 0) && (axis >= 0) && (axis < 3)) { place = i - axis + (axis + 1) % 3; }
     }
     return place;
 }

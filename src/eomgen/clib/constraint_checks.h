@@ -2,19 +2,19 @@
  * in every lane.  Statuses of lane l are 2 n + 3 m higher per lane. */
 
 /* The larger of a number and of the sizes of numbers of a lane. */
-EOM_LOCAL EOM_SCALAR F(largest)(int count, const REAL *restrict x, int l, EOM_SCALAR than)
+EOM_LOCAL EOM_SCALAR EOM_F(largest)(int count, const EOM_REAL *restrict x, int l, EOM_SCALAR than)
 {
     EOM_SCALAR largest = than;
     (void)l;
     for (int i = 0; i < count; ++i) {
-        const EOM_SCALAR size = EOM_MATH(fabs)(LANE_OF(x[i], l));
+        const EOM_SCALAR size = EOM_MATH(fabs)(EOM_LANE_OF(x[i], l));
         if (size > largest) { largest = size; }
     }
     return largest;
 }
 
 /* Return the status of the first lane of two, each 0 or of a lane; of one lane the former. */
-EOM_LOCAL int F(first_failure)(int n, int m, int one, int other)
+EOM_LOCAL int EOM_F(first_failure)(int n, int m, int one, int other)
 {
     const int statuses = 2 * n + 3 * m;
     if ((one == 0) || (other == 0)) { return one + other; }
@@ -22,22 +22,22 @@ EOM_LOCAL int F(first_failure)(int n, int m, int one, int other)
 }
 
 /* Check the constraint violations of lane l, m of them, and their rates, as many; the status, or 0. */
-EOM_LOCAL int F(check_lane)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation, int l)
+EOM_LOCAL int EOM_F(check_lane)(int n, int m, EOM_SCALAR allowed, const EOM_REAL *restrict v, const EOM_REAL *restrict violation, int l)
 {
-    const EOM_SCALAR fastest = F(largest)(n, v, l, C(1.0));
+    const EOM_SCALAR fastest = EOM_F(largest)(n, v, l, EOM_C(1.0));
     for (int r = 0; r < 2 * m; ++r) {
-        const EOM_SCALAR scale = (r < m) ? C(1.0) : fastest;
-        if (!(EOM_MATH(fabs)(LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
+        const EOM_SCALAR scale = (r < m) ? EOM_C(1.0) : fastest;
+        if (!(EOM_MATH(fabs)(EOM_LANE_OF(violation[r], l)) <= scale * allowed)) { return 1 + n + r + l * (2 * n + 3 * m); }
     }
     return 0;
 }
 
 /* Check constraint violations and their rates, which may be the greater the faster a state is.  0, or 1 + n + r where constraint r
  * is violated, and m more where it is opening. */
-EOM_LOCAL int F(check_constraints)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict violation)
+EOM_LOCAL int EOM_F(check_constraints)(int n, int m, EOM_SCALAR allowed, const EOM_REAL *restrict v, const EOM_REAL *restrict violation)
 {
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        const int status = F(check_lane)(n, m, allowed, v, violation, l);
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
+        const int status = EOM_F(check_lane)(n, m, allowed, v, violation, l);
         if (status != 0) { return status; }
     }
     return 0;
@@ -47,22 +47,22 @@ EOM_LOCAL int F(check_constraints)(int n, int m, EOM_SCALAR allowed, const REAL 
  * second derivatives of the constraint that accelerations make and that velocities make, forces that no drive gives, and those
  * that are needed.  0, or a status of check_constraints, or 1 + n + 2 m + r where constraint r opens at the accelerations, or
  * 1 + n + 3 m + i where coordinate i needs a force that no drive gives. */
-EOM_LOCAL int F(check_drives)(int n, int m, EOM_SCALAR allowed, const REAL *restrict v, const REAL *restrict a, const REAL *restrict solution)
+EOM_LOCAL int EOM_F(check_drives)(int n, int m, EOM_SCALAR allowed, const EOM_REAL *restrict v, const EOM_REAL *restrict a, const EOM_REAL *restrict solution)
 {
-    const REAL *const driven = &solution[n + 3 * m];
-    const REAL *const bias = &solution[n + 4 * m];
-    const REAL *const left = &solution[n + 5 * m];
-    const REAL *const needed = &solution[2 * n + 5 * m];
-    for (int l = 0; l < (int)WIDTH; ++l) {
-        const int status = F(check_lane)(n, m, allowed, v, &solution[n + m], l);
+    const EOM_REAL *const driven = &solution[n + 3 * m];
+    const EOM_REAL *const bias = &solution[n + 4 * m];
+    const EOM_REAL *const left = &solution[n + 5 * m];
+    const EOM_REAL *const needed = &solution[2 * n + 5 * m];
+    for (int l = 0; l < (int)EOM_WIDTH; ++l) {
+        const int status = EOM_F(check_lane)(n, m, allowed, v, &solution[n + m], l);
         if (status != 0) { return status; }
-        const EOM_SCALAR fastest = F(largest)(m, bias, l, F(largest)(n, a, l, C(1.0)));
-        const EOM_SCALAR largest = F(largest)(n, needed, l, C(1.0));
+        const EOM_SCALAR fastest = EOM_F(largest)(m, bias, l, EOM_F(largest)(n, a, l, EOM_C(1.0)));
+        const EOM_SCALAR largest = EOM_F(largest)(n, needed, l, EOM_C(1.0));
         for (int r = 0; r < m; ++r) {
-            if (!(EOM_MATH(fabs)(LANE_OF(driven[r], l) + LANE_OF(bias[r], l)) <= fastest * allowed)) { return 1 + n + 2 * m + r + l * (2 * n + 3 * m); }
+            if (!(EOM_MATH(fabs)(EOM_LANE_OF(driven[r], l) + EOM_LANE_OF(bias[r], l)) <= fastest * allowed)) { return 1 + n + 2 * m + r + l * (2 * n + 3 * m); }
         }
         for (int i = 0; i < n; ++i) {
-            if (!(EOM_MATH(fabs)(LANE_OF(left[i], l)) <= largest * allowed)) { return 1 + n + 3 * m + i + l * (2 * n + 3 * m); }
+            if (!(EOM_MATH(fabs)(EOM_LANE_OF(left[i], l)) <= largest * allowed)) { return 1 + n + 3 * m + i + l * (2 * n + 3 * m); }
         }
     }
     return 0;

@@ -32,12 +32,12 @@ EOM_LOCAL void EOM(eliminate_dependent)(int n, int rank, const int *restrict dep
             }
         }
         const EOM_SCALAR pivot = J[n * p + column];
-        J[n * p + column] = C(1.0);
+        J[n * p + column] = EOM_C(1.0);
         for (int i = 0; i < n; ++i) { J[n * p + i] /= pivot; }
         for (int r = 0; r < rank; ++r) {
             const EOM_SCALAR factor = J[n * r + column];
-            if ((r == p) || (factor == C(0.0))) { continue; }
-            J[n * r + column] = C(0.0);
+            if ((r == p) || (factor == EOM_C(0.0))) { continue; }
+            J[n * r + column] = EOM_C(0.0);
             for (int i = 0; i < n; ++i) { J[n * r + i] -= factor * J[n * p + i]; }
         }
     }
@@ -49,7 +49,7 @@ EOM_LOCAL EOM_SCALAR EOM(linearise_constraint)(const EOM(constraint) *restrict c
 {
     EOM_SCALAR *const J = &out[3 * n];
     EOM_SCALAR *const g = &out[3 * n + m * n];
-    EOM_SCALAR violation = C(0.0);
+    EOM_SCALAR violation = EOM_C(0.0);
     int top = 0;
     (void)constraint->residual(h, out, g);
     (void)constraint->jacobian(h, out, J);
@@ -57,7 +57,7 @@ EOM_LOCAL EOM_SCALAR EOM(linearise_constraint)(const EOM(constraint) *restrict c
         if (!(EOM_MATH(fabs)(g[r]) <= violation)) { violation = EOM_MATH(fabs)(g[r]); }
     }
     for (int r = 0; r < m; ++r) {
-        if ((solved[r] > C(0.5)) && (top < rank)) {
+        if ((solved[r] > EOM_C(0.5)) && (top < rank)) {
             for (int i = 0; (top < r) && (i < n); ++i) { J[n * top + i] = J[n * r + i]; }
             row[top] = r;
             ++top;
@@ -72,24 +72,24 @@ EOM_LOCAL void EOM(follow_motion)(const EOM(constraint) *restrict constraint, in
 {
     EOM_SCALAR *const J = &out[3 * n];
     for (int p = 0; p < rank; ++p) {
-        EOM_SCALAR rate = C(0.0);
+        EOM_SCALAR rate = EOM_C(0.0);
         for (int i = 0; i < n; ++i) {
-            if (chart[i] <= C(0.5)) { rate -= J[n * p + i] * v[i]; }
+            if (chart[i] <= EOM_C(0.5)) { rate -= J[n * p + i] * v[i]; }
         }
         out[n + dependent[p]] = rate;
     }
     (void)constraint->bias(h, out, &out[n], bias);
     for (int p = 0; p < rank; ++p) {
-        EOM_SCALAR rate = C(0.0);
+        EOM_SCALAR rate = EOM_C(0.0);
         for (int s = 0; s < rank; ++s) { rate -= J[n * p + dependent[s]] * bias[row[s]]; }
         for (int i = 0; i < n; ++i) {
-            if (chart[i] <= C(0.5)) { rate -= J[n * p + i] * a[i]; }
+            if (chart[i] <= EOM_C(0.5)) { rate -= J[n * p + i] * a[i]; }
         }
         out[2 * n + dependent[p]] = rate;
     }
     for (int r = 0; r < m; ++r) {
         for (int i = 0; i < n; ++i) {
-            J[n * r + i] = ((r < rank) && (chart[i] <= C(0.5))) ? (C(0.0) - J[n * r + i]) : C(0.0);
+            J[n * r + i] = ((r < rank) && (chart[i] <= EOM_C(0.5))) ? (EOM_C(0.0) - J[n * r + i]) : EOM_C(0.0);
         }
     }
 }
@@ -113,33 +113,33 @@ EOM_LOCAL void EOM(solve_dependent)(const EOM(constraint) *restrict constraint, 
         out[i] = q[i];
         out[n + i] = v[i];
         out[2 * n + i] = a[i];
-        if ((chart[i] > C(0.5)) && (marked < m)) {
+        if ((chart[i] > EOM_C(0.5)) && (marked < m)) {
             dependent[marked] = i;
             ++marked;
         }
     }
     for (int r = 0; r < m; ++r) {
-        if ((chart[n + r] > C(0.5)) && (rank < marked)) { ++rank; }
+        if ((chart[n + r] > EOM_C(0.5)) && (rank < marked)) { ++rank; }
     }
     for (int p = 0; p < rank; ++p) {
         for (int i = 0; i < n; ++i) { out[dependent[p]] += last[n * (p + 1) + i] * (q[i] - last[i]); }
         expected[p] = out[dependent[p]];
     }
-    EOM_SCALAR before = C(0.0);
+    EOM_SCALAR before = EOM_C(0.0);
     const int most = (int)chart[n + m];
     int going = 1;
     for (int pass = 0; (going != 0) && (pass <= most); ++pass) {
         const EOM_SCALAR violation = EOM(linearise_constraint)(constraint, n, m, rank, h, &chart[n], dependent, out, row);
         if ((violation <= constraint->met) || (pass == most)) { going = 0; }
         if (pass > 0) { /* Newton's method has come to round-off, or does not converge */
-            if ((violation <= constraint->left) && (violation >= C(0.1) * before)) { going = 0; }
-            if (!((violation <= constraint->left) || (violation <= C(0.7) * before))) { going = 0; }
+            if ((violation <= constraint->left) && (violation >= EOM_C(0.1) * before)) { going = 0; }
+            if (!((violation <= constraint->left) || (violation <= EOM_C(0.7) * before))) { going = 0; }
         }
         before = violation;
         const int steps = (going != 0) ? rank : 0;
         for (int p = 0; p < steps; ++p) {
             for (int s = 0; s < rank; ++s) { out[dependent[p]] -= J[n * p + dependent[s]] * g[row[s]]; }
-            if (!(EOM_MATH(fabs)(out[dependent[p]] - expected[p]) <= C(0.5))) { going = 0; }
+            if (!(EOM_MATH(fabs)(out[dependent[p]] - expected[p]) <= EOM_C(0.5))) { going = 0; }
         }
     }
     EOM(follow_motion)(constraint, n, m, rank, h, v, a, chart, dependent, row, out, &work[m]);

@@ -84,8 +84,8 @@ EOM_LOCAL void EOM(prescribe_adjoint)(const EOM(interval) *restrict interval, eo
     for (int i = 0; i < motions->size; ++i) {
         by[i] = (double)by_q[motions->place[i]];
         by[nq + i] = (double)by_v[motions->place[i]];
-        by_q[motions->place[i]] = C(0.0);
-        by_v[motions->place[i]] = C(0.0);
+        by_q[motions->place[i]] = EOM_C(0.0);
+        by_v[motions->place[i]] = EOM_C(0.0);
     }
     eom_prescribed_adjoint(motions, nq, at, by, slopes->loads, &by[3 * nq]);
 }
@@ -120,19 +120,19 @@ EOM_LOCAL void EOM(wrenches_adjoint)(const EOM(interval) *restrict interval, eom
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
     const int behind = nq + sizes->wrench;
     EOM_SCALAR *const q = work;
     EOM_SCALAR *const total = &q[nq];
     EOM_SCALAR *const pushed = &total[sizes->wrench];
     EOM_SCALAR *const gradient = &pushed[nq];
     EOM_SCALAR *const by_poses = &gradient[behind + sizes->parameters];
-    EOM_SCALAR *const turned = &by_poses[KNOWN(interval->derivatives)->poses];
+    EOM_SCALAR *const turned = &by_poses[EOM_KNOWN(interval->derivatives)->poses];
     int framed = 0;
-    (void)memset(by_poses, 0, (size_t)KNOWN(interval->derivatives)->poses * sizeof *by_poses);
+    (void)memset(by_poses, 0, (size_t)EOM_KNOWN(interval->derivatives)->poses * sizeof *by_poses);
     for (int i = 0; i < nq; ++i) {
         q[i] = (EOM_SCALAR)position[i];
-        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? C(0.0) : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
+        pushed[i] = (eom_is_prescribed(sizes, i) != 0) ? EOM_C(0.0) : (EOM_SCALAR)weight[eom_force_place(sizes, i)];
     }
     eom_wrenches_at(inputs, sizes->wrench, at, q, total);
     (void)inputs->force_back(inputs->force_back_h, q, total, pushed, gradient);
@@ -242,7 +242,7 @@ EOM_LOCAL void EOM(inputs_adjoint)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; (moved != NULL) && (i < moved->size); ++i) { /* accelerations stand in their places */
         by[2 * nu + i] = weight[moved->place[i]];
         weight[moved->place[i]] = 0.0;
-        by_u[moved->place[i]] = C(0.0);
+        by_u[moved->place[i]] = EOM_C(0.0);
     }
     (void)memcpy(pull, weight, (size_t)nu * sizeof *pull);
     for (int i = 0; i < nu; ++i) {
@@ -299,8 +299,8 @@ EOM_LOCAL void EOM(prescribe_tangent)(const EOM(interval) *restrict interval, EO
 {
     const eom_prescribed *const motions = EOM(prescribed_of)(interval);
     for (int i = 0; (motions != NULL) && (i < motions->size); ++i) {
-        dq[motions->place[i]] = C(0.0);
-        dv[motions->place[i]] = C(0.0);
+        dq[motions->place[i]] = EOM_C(0.0);
+        dv[motions->place[i]] = EOM_C(0.0);
     }
 }
 
@@ -322,8 +322,8 @@ EOM_LOCAL void EOM(wrenches_tangent)(const EOM(interval) *restrict interval, eom
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int poses = KNOWN(interval->derivatives)->poses;
-    const int nq = POSITIONS_OF(sizes);
+    const int poses = EOM_KNOWN(interval->derivatives)->poses;
+    const int nq = EOM_POSITIONS_OF(sizes);
     EOM_SCALAR *const q = work;
     EOM_SCALAR *const more = &q[nq];
     EOM_SCALAR *const total = &more[nq];
@@ -386,11 +386,11 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
 {
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nu = INPUTS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     double *const position = interval->room.input;
     double *const rate = &position[nq];
-    double *const force = &rate[RATES_OF(sizes)];
+    double *const force = &rate[EOM_RATES_OF(sizes)];
     double *const prescribed = &force[nu];
     double *const asked = &prescribed[nu];
     double *const rest = &asked[3 * nu];
@@ -411,7 +411,7 @@ EOM_LOCAL void EOM(inputs_tangent)(const EOM(interval) *restrict interval, doubl
     for (int i = 0; i < nu; ++i) { du[i] = (EOM_SCALAR)force[i]; }
     if (inputs->wrenches > 0U) {
         EOM(wrenches_tangent)(interval, eom_within_span(inputs->first, inputs->last, EOM(instant_within)(interval, share)), position, moved, dp, pushed, &pushed[nq]);
-        for (int i = 0; i < nq; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? C(0.0) : pushed[i]; }
+        for (int i = 0; i < nq; ++i) { du[eom_force_place(sizes, i)] += (eom_is_prescribed(sizes, i) != 0) ? EOM_C(0.0) : pushed[i]; }
     }
 }
 

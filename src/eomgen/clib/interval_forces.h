@@ -3,9 +3,9 @@
 /* Derivatives of the robot's equations: those passed in, or with EOM_DERIVATIVES those of that name, which compilers then call
  * without a table. */
 #if defined(EOM_DERIVATIVES)
-#define KNOWN(derivatives) (&EOM_DERIVATIVES)
+#define EOM_KNOWN(derivatives) (&EOM_DERIVATIVES)
 #else
-#define KNOWN(derivatives) (derivatives)
+#define EOM_KNOWN(derivatives) (derivatives)
 #endif
 
 /* A step that is differentiated: its method, from when to when, s, with times inside beside both where inputs jump there, which
@@ -32,9 +32,9 @@ typedef struct {
 /* Numbers of room that forces of an interval need. */
 EOM_INLINE size_t EOM(forces_room)(const EOM(robot_derivatives) *restrict derivatives)
 {
-    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
+    const EOM(sizes) *const sizes = EOM_KNOWN(derivatives)->robot->sizes;
     (void)derivatives;
-    return (size_t)(7 * RATES_OF(sizes) + 2 * (sizes->wrench + sizes->parameters + KNOWN(derivatives)->poses));
+    return (size_t)(7 * EOM_RATES_OF(sizes) + 2 * (sizes->wrench + sizes->parameters + EOM_KNOWN(derivatives)->poses));
 }
 
 /* Step k of a sequence; work begins with room for its forces. */
@@ -77,25 +77,25 @@ EOM_LOCAL eom_instant EOM(instant_within)(const EOM(interval) *restrict interval
 EOM_INLINE const EOM(sizes) *EOM(sizes_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
-    return KNOWN(interval->derivatives)->robot->sizes;
+    return EOM_KNOWN(interval->derivatives)->robot->sizes;
 }
 
 EOM_INLINE int EOM(positions_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
-    return POSITIONS_OF(EOM(sizes_of)(interval));
+    return EOM_POSITIONS_OF(EOM(sizes_of)(interval));
 }
 
 EOM_INLINE int EOM(rates_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
-    return RATES_OF(EOM(sizes_of)(interval));
+    return EOM_RATES_OF(EOM(sizes_of)(interval));
 }
 
 EOM_INLINE int EOM(inputs_of)(const EOM(interval) *restrict interval)
 {
     (void)interval;
-    return INPUTS_OF(EOM(sizes_of)(interval));
+    return EOM_INPUTS_OF(EOM(sizes_of)(interval));
 }
 
 /* Add a share of x to y: separate pointers, so that compilers know that numbers do not overlap. */
@@ -140,10 +140,10 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
     const EOM(inputs) *const inputs = interval->inputs;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const eom_computed_torque *const model = (inputs->control == NULL) ? NULL : inputs->model;
-    const int nu = INPUTS_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     double *const position = interval->room.input;
-    double *const rate = &position[POSITIONS_OF(sizes)];
-    double *const force = &rate[RATES_OF(sizes)];
+    double *const rate = &position[EOM_POSITIONS_OF(sizes)];
+    double *const force = &rate[EOM_RATES_OF(sizes)];
     double *const prescribed = &force[nu];
     double *const asked = &prescribed[nu];
     double *const answer = &asked[3 * nu];
@@ -153,7 +153,7 @@ EOM_LOCAL void EOM(add_input_forces)(const EOM(interval) *restrict interval, dou
     if (model != NULL) { (void)model->inverse_dynamics(model->h, asked, &asked[nu], &asked[2 * nu], answer); }
     eom_finish_drives(inputs, nu, prescribed, answer, force, rest);
     if (slope != NULL) {
-        for (int i = 0; i < nu; ++i) { slope[i] = (inputs->effort == NULL) ? C(1.0) : (EOM_SCALAR)rest[i]; }
+        for (int i = 0; i < nu; ++i) { slope[i] = (inputs->effort == NULL) ? EOM_C(1.0) : (EOM_SCALAR)rest[i]; }
     }
     if (inputs->wrenches > 0U) {
         eom_wrench_forces(sizes, inputs, interval->h, EOM(instant_within)(interval, share), position, rest, &interval->room.state[2 * nu]);
@@ -181,7 +181,7 @@ EOM_LOCAL void EOM(forces_within)(const EOM(interval) *restrict interval, double
 EOM_LOCAL void EOM(saturation_within)(const EOM(interval) *restrict interval, double share, EOM_SCALAR ahead, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict slope)
 {
     const int nu = EOM(inputs_of)(interval);
-    for (int i = 0; i < nu; ++i) { slope[i] = C(1.0); }
+    for (int i = 0; i < nu; ++i) { slope[i] = EOM_C(1.0); }
     if ((interval->inputs == NULL) ? (interval->drive->effort == NULL) : (interval->inputs->effort == NULL)) { return; }
     EOM(forces_within)(interval, share, ahead, q, v, &interval->room.state[nu], slope);
 }
@@ -200,10 +200,10 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
     const eom_tracking *const control = (interval->inputs == NULL) ? NULL : interval->inputs->control;
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const int gains = eom_gains_of(control);
-    const int nu = INPUTS_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     for (int i = 0; i < nu; ++i) {
-        kp[i] = (drive->kp == NULL) ? C(0.0) : drive->kp[i];
-        kd[i] = (drive->kp == NULL) ? C(0.0) : drive->kd[i];
+        kp[i] = (drive->kp == NULL) ? EOM_C(0.0) : drive->kp[i];
+        kd[i] = (drive->kp == NULL) ? EOM_C(0.0) : drive->kd[i];
     }
     for (int k = 0; k < gains; ++k) {
         const double ratio = control->ratio[k] * control->ratio[k];
@@ -218,7 +218,7 @@ EOM_LOCAL void EOM(gains_within)(const EOM(interval) *restrict interval, EOM_SCA
     if (sizes->beside != NULL) {
         EOM_SCALAR *const force = &interval->room.state[nu];
         EOM(forces_within)(interval, share, ahead, q, v, force, NULL);
-        for (int i = 0; i < POSITIONS_OF(sizes); ++i) {
+        for (int i = 0; i < EOM_POSITIONS_OF(sizes); ++i) {
             if (eom_force_place(sizes, i) != i) { kp[eom_force_place(sizes, i)] = force[i]; }
         }
     }

@@ -10,7 +10,7 @@
 EOM_LOCAL size_t EOM(kept_of_step)(const EOM(sizes) *restrict sizes, int method)
 {
     (void)sizes;
-    return (size_t)EOM_KEPT_NUMBERS(RATES_OF(sizes), M_OF(sizes), method);
+    return (size_t)EOM_KEPT_NUMBERS(EOM_RATES_OF(sizes), EOM_M_OF(sizes), method);
 }
 
 /* Take a step, in front of assembly; kept becomes what is kept of it. */
@@ -30,16 +30,16 @@ EOM_LOCAL int EOM(step_forward)(const EOM(interval) *restrict interval, const EO
 /* What the failure of a step says of all steps. */
 EOM_LOCAL long long EOM(failure_of_step)(const EOM(sizes) *restrict sizes, size_t step, int status)
 {
-    const int statuses = POSITIONS_OF(sizes) + ((M_OF(sizes) > 0) ? (3 * M_OF(sizes) + POSITIONS_OF(sizes)) : 0);
+    const int statuses = EOM_POSITIONS_OF(sizes) + ((EOM_M_OF(sizes) > 0) ? (3 * EOM_M_OF(sizes) + EOM_POSITIONS_OF(sizes)) : 0);
     (void)sizes;
     return (long long)step * statuses + status - 1;
 }
 
 EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM(workspace) work)
 {
-    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t nq = (size_t)POSITIONS_OF(sizes);
-    const size_t nv = (size_t)RATES_OF(sizes);
+    const EOM(sizes) *const sizes = EOM_KNOWN(derivatives)->robot->sizes;
+    const size_t nq = (size_t)EOM_POSITIONS_OF(sizes);
+    const size_t nv = (size_t)EOM_RATES_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const rest = &stages_here[size];
@@ -50,8 +50,8 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
         const int status = EOM(step_forward)(&interval, &q[k * nq], &v[k * nv], (kept == NULL) ? stages_here : &kept[k * size], q_end, v_end, rest);
         if (status != 0) { return EOM(failure_of_step)(sizes, k, status); }
         EOM(prescribe)(&interval, eom_instant_of(interval.end), q_end, v_end);
-        if (M_OF(sizes) > 0) {
-            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
+        if (EOM_M_OF(sizes) > 0) {
+            const int opened = EOM(assemble)(EOM_KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
             if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
         }
     }
@@ -60,11 +60,11 @@ EOM_PUBLIC long long EOM(rollout_states)(const EOM(robot_derivatives) *restrict 
 
 EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM(workspace) work)
 {
-    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t nq = (size_t)POSITIONS_OF(sizes);
-    const size_t nv = (size_t)RATES_OF(sizes);
+    const EOM(sizes) *const sizes = EOM_KNOWN(derivatives)->robot->sizes;
+    const size_t nq = (size_t)EOM_POSITIONS_OF(sizes);
+    const size_t nv = (size_t)EOM_RATES_OF(sizes);
     const size_t size = EOM(kept_of_step)(sizes, steps->method);
-    const int closed = (M_OF(sizes) > 0) ? 1 : 0;
+    const int closed = (EOM_M_OF(sizes) > 0) ? 1 : 0;
     const int kind = steps->method % EOM_KINDS;
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const q_end = &stages_here[size];
@@ -91,7 +91,7 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
             } else if (kind == EOM_IMPLICIT_EULER) {
                 EOM(implicit_end)(&interval, q_here, v_here, stages, q_end, v_end);
             } else {
-                EOM(explicit_stage)(&interval, EOM(explicit_of)(&interval)->stages, q_here, v_here, stages, &stages[nv * EXPLICIT_STAGES], q_end, v_end);
+                EOM(explicit_stage)(&interval, EOM(explicit_of)(&interval)->stages, q_here, v_here, stages, &stages[nv * EOM_EXPLICIT_STAGES], q_end, v_end);
             }
         }
         if (closed != 0) {
@@ -119,9 +119,9 @@ EOM_PUBLIC void EOM(rollout_gradient)(const EOM(robot_derivatives) *restrict der
 
 EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *restrict derivatives, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(step_sequence) *restrict steps, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM(workspace) work)
 {
-    const EOM(sizes) *const sizes = KNOWN(derivatives)->robot->sizes;
-    const size_t nq = (size_t)POSITIONS_OF(sizes);
-    const size_t nv = (size_t)RATES_OF(sizes);
+    const EOM(sizes) *const sizes = EOM_KNOWN(derivatives)->robot->sizes;
+    const size_t nq = (size_t)EOM_POSITIONS_OF(sizes);
+    const size_t nv = (size_t)EOM_RATES_OF(sizes);
     const int kind = steps->method % EOM_KINDS;
     EOM_SCALAR *const stages_here = &work.state[EOM(forces_room)(derivatives)];
     EOM_SCALAR *const rest = &stages_here[EOM(kept_of_step)(sizes, steps->method)];
@@ -147,10 +147,10 @@ EOM_PUBLIC long long EOM(rollout_sensitivity)(const EOM(robot_derivatives) *rest
         EOM(prescribe)(&interval, eom_instant_of(interval.end), q_end, v_end);
         for (size_t d = 0; d < directions; ++d) {
             EOM(prescribe_tangent)(&interval, &dq_end[d * nq], &dv_end[d * nv]);
-            if (M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * nq], &dv_end[d * nv], rest); }
+            if (EOM_M_OF(sizes) > 0) { EOM(assemble_tangent)(&interval, q_end, v_end, &rates->parameters[d * (size_t)sizes->parameters], &dq_end[d * nq], &dv_end[d * nv], rest); }
         }
-        if (M_OF(sizes) > 0) {
-            const int opened = EOM(assemble)(KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
+        if (EOM_M_OF(sizes) > 0) {
+            const int opened = EOM(assemble)(EOM_KNOWN(derivatives)->robot, h, q_end, v_end, rest, NULL);
             if (opened != 0) { return EOM(failure_of_step)(sizes, k, opened); }
         }
     }

@@ -273,7 +273,7 @@ EOM_LOCAL void eom_wrenches_at(const EOM(inputs) *restrict inputs, int size, eom
 /* Generalized forces of wrenches on all coordinates; here is h of the state.  work: 2 nq + wrench. */
 EOM_LOCAL void eom_wrench_forces(const EOM(sizes) *restrict sizes, const EOM(inputs) *restrict inputs, const EOM_SCALAR *here, eom_instant at, const double *restrict q, double *restrict force, EOM_SCALAR *restrict work)
 {
-    const int nq = POSITIONS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
     EOM_SCALAR *const q_here = work;
     EOM_SCALAR *const pushed = &work[nq];
     EOM_SCALAR *const total = &work[2 * nq];
@@ -298,7 +298,7 @@ EOM_LOCAL int eom_force_place(const EOM(sizes) *restrict sizes, int i)
 /* Add forces of wrenches to those of drives. */
 EOM_LOCAL void eom_add_forces(const EOM(sizes) *restrict sizes, const double *restrict force, double *restrict u)
 {
-    for (int i = 0; i < POSITIONS_OF(sizes); ++i) {
+    for (int i = 0; i < EOM_POSITIONS_OF(sizes); ++i) {
         if (eom_is_prescribed(sizes, i) == 0) { u[eom_force_place(sizes, i)] += force[i]; }
     }
 }
@@ -307,8 +307,8 @@ EOM_LOCAL void eom_add_forces(const EOM(sizes) *restrict sizes, const double *re
  * in; where motions are prescribed power[1] is how much more that is than they give to coordinates.  work: nq + 4 nv. */
 EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_balance) *restrict balance, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power, EOM_SCALAR *restrict work)
 {
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
     EOM_SCALAR *const q_here = work;
     EOM_SCALAR *const v_here = &q_here[nq];
     EOM_SCALAR *const rest = &v_here[nv];
@@ -326,7 +326,7 @@ EOM_LOCAL void eom_powers_at(const EOM(sizes) *restrict sizes, const EOM(energy_
         if ((eom_is_prescribed(sizes, i) == 0) && (balance->drive_forces == NULL)) { power[0] += u[i] * v[i]; }
     }
     if (balance->drive_forces != NULL) {
-        for (int i = 0; i < INPUTS_OF(sizes); ++i) { rest[i] = (EOM_SCALAR)u[i]; }
+        for (int i = 0; i < EOM_INPUTS_OF(sizes); ++i) { rest[i] = (EOM_SCALAR)u[i]; }
         (void)balance->drive_forces(balance->drive_h, q_here, v_here, rest, moving);
         for (int i = 0; i < nv; ++i) {
             const double part = ((i >= nq) || (eom_is_prescribed(sizes, i) == 0)) ? (double)moving[i] * v[i] : 0.0;

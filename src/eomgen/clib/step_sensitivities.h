@@ -8,7 +8,7 @@
 /* Whether the state of a stage is assembled, too: redundant rows answer to violations. */
 EOM_LOCAL int EOM(assembles_stage)(const EOM(sizes) *restrict sizes, int stage)
 {
-    return ((stage > 0) && (M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
+    return ((stage > 0) && (EOM_M_OF(sizes) > 0) && (sizes->has_redundant_rows != 0)) ? 1 : 0;
 }
 
 /* Numbers of a function that failed are none, so that no derivative passes for one. */
@@ -21,11 +21,11 @@ EOM_LOCAL void EOM(refuse_failed)(int status, int count, EOM_SCALAR *restrict ou
  * work: 12 nq + 3 nx + 2 m + parameters, nx = nq + nv. */
 EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
-    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const EOM(robot) *const robot = EOM_KNOWN(interval->derivatives)->robot;
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
     const int nx = nq + nv;
-    const int m = M_OF(robot->sizes);
+    const int m = EOM_M_OF(robot->sizes);
     EOM_SCALAR *const on_way = work; /* (passes, nq) */
     EOM_SCALAR *const change = &on_way[12 * nq];
     EOM_SCALAR *const weight = &change[nx + m];
@@ -45,11 +45,11 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
     }
     for (int k = passes - 1; k >= 0; --k) {
         for (int i = 0; i < nq; ++i) { weight[i] = by_q[i]; }
-        for (int i = 0; i < nv; ++i) { weight[nq + i] = (k == passes - 1) ? by_v[i] : C(0.0); }
-        for (int r = nx; r < nx + m; ++r) { weight[r] = C(0.0); }
-        EOM(refuse_failed)(KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * nq], v, weight, gradient), nq, gradient);
-        EOM(add_share)(nq, C(1.0), gradient, by_q);
-        EOM(add_share)(nv, C(1.0), &gradient[nq], by_v);
+        for (int i = 0; i < nv; ++i) { weight[nq + i] = (k == passes - 1) ? by_v[i] : EOM_C(0.0); }
+        for (int r = nx; r < nx + m; ++r) { weight[r] = EOM_C(0.0); }
+        EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->settling_adjoint(interval->h, &on_way[k * nq], v, weight, gradient), nq, gradient);
+        EOM(add_share)(nq, EOM_C(1.0), gradient, by_q);
+        EOM(add_share)(nv, EOM_C(1.0), &gradient[nq], by_v);
         EOM(parameters_adjoint)(interval, &gradient[nx], slopes);
     }
 }
@@ -57,11 +57,11 @@ EOM_LOCAL void EOM(assemble_adjoint)(const EOM(interval) *restrict interval, con
 /* Carry rates dq and dv of the state that assemble begins with to those of the assembled one.  work: nq + 2 nx + 2 m. */
 EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict dp, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
-    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const EOM(robot) *const robot = EOM_KNOWN(interval->derivatives)->robot;
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
     const int nx = nq + nv;
-    const int m = M_OF(robot->sizes);
+    const int m = EOM_M_OF(robot->sizes);
     EOM_SCALAR *const q_here = work;
     EOM_SCALAR *const change = &q_here[nq];
     EOM_SCALAR *const moved = &change[nx + m];
@@ -69,7 +69,7 @@ EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, con
     (void)memcpy(q_here, q, (size_t)nq * sizeof *q_here);
     for (int pass = 0; (pass < 12) && (settled == 0); ++pass) {
         EOM(refuse_failed)(robot->settling(interval->h, q_here, v, change), nq, change);
-        EOM(refuse_failed)(KNOWN(interval->derivatives)->settling_tangent(interval->h, q_here, v, dq, dv, dp, moved), nq, moved);
+        EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->settling_tangent(interval->h, q_here, v, dq, dv, dp, moved), nq, moved);
         settled = 1;
         for (int r = nx; r < nx + m; ++r) {
             if (!(EOM_MATH(fabs)(change[r]) <= robot->sizes->closed_gap)) { settled = 0; }
@@ -86,14 +86,14 @@ EOM_LOCAL void EOM(assemble_tangent)(const EOM(interval) *restrict interval, con
  * work: what assembly takes. */
 EOM_LOCAL int EOM(stage_forward)(const EOM(interval) *restrict interval, int stage, double share, EOM_SCALAR *here, EOM_SCALAR *restrict u, EOM_SCALAR *restrict a, EOM_SCALAR *restrict work)
 {
-    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
-    EOM_SCALAR *const v_here = &here[POSITIONS_OF(robot->sizes)];
+    const EOM(robot) *const robot = EOM_KNOWN(interval->derivatives)->robot;
+    EOM_SCALAR *const v_here = &here[EOM_POSITIONS_OF(robot->sizes)];
     if (EOM(assembles_stage)(robot->sizes, stage) != 0) {
         const int opened = EOM(assemble)(robot, interval->h, here, v_here, work, NULL);
         if (opened != 0) { return opened; }
     }
     EOM(prescribe)(interval, EOM(instant_within)(interval, share), here, v_here);
-    EOM(forces_within)(interval, share, C(0.0), here, v_here, u, NULL);
+    EOM(forces_within)(interval, share, EOM_C(0.0), here, v_here, u, NULL);
     return robot->forward_dynamics(interval->h, here, v_here, u, a);
 }
 
@@ -103,16 +103,16 @@ EOM_LOCAL int EOM(stage_forward)(const EOM(interval) *restrict interval, int sta
 EOM_LOCAL void EOM(stage_adjoint)(const EOM(interval) *restrict interval, int stage, double share, const EOM_SCALAR *open, const EOM_SCALAR *here, const EOM_SCALAR *restrict by_a, EOM_SCALAR *restrict by_q, EOM_SCALAR *restrict by_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nx = STATE_OF(sizes);
-    const int nu = INPUTS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nx = EOM_STATE_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const gradient = &u[nu];
-    EOM(forces_within)(interval, share, C(0.0), here, &here[nq], u, NULL);
-    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[nq], u, by_a, gradient), nq, gradient);
+    EOM(forces_within)(interval, share, EOM_C(0.0), here, &here[nq], u, NULL);
+    EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->forward_dynamics_adjoint(interval->h, here, &here[nq], u, by_a, gradient), nq, gradient);
     for (int i = 0; i < nq; ++i) { by_q[i] = gradient[i]; }
-    EOM(add_share)(RATES_OF(sizes), C(1.0), &gradient[nq], by_v);
-    EOM(forces_adjoint)(interval, share, C(0.0), here, &here[nq], &gradient[nx], by_q, by_v, slopes);
+    EOM(add_share)(EOM_RATES_OF(sizes), EOM_C(1.0), &gradient[nq], by_v);
+    EOM(forces_adjoint)(interval, share, EOM_C(0.0), here, &here[nq], &gradient[nx], by_q, by_v, slopes);
     EOM(prescribe_adjoint)(interval, EOM(instant_within)(interval, share), by_q, by_v, slopes);
     EOM(parameters_adjoint)(interval, &gradient[nx + nu], slopes);
     if (EOM(assembles_stage)(sizes, stage) != 0) { EOM(assemble_adjoint)(interval, open, &open[nq], by_q, by_v, slopes, &gradient[nx + nu + sizes->parameters]); }
@@ -124,14 +124,14 @@ EOM_LOCAL void EOM(stage_tangent)(const EOM(interval) *restrict interval, int st
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
     const EOM_SCALAR *const dp = &rates->parameters[d * (size_t)sizes->parameters];
-    const int nq = POSITIONS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
     EOM_SCALAR *restrict const u = work;
-    EOM_SCALAR *restrict const du = &u[INPUTS_OF(sizes)];
-    if (EOM(assembles_stage)(sizes, stage) != 0) { EOM(assemble_tangent)(interval, open, &open[nq], dp, there, &there[nq], &du[INPUTS_OF(sizes)]); }
+    EOM_SCALAR *restrict const du = &u[EOM_INPUTS_OF(sizes)];
+    if (EOM(assembles_stage)(sizes, stage) != 0) { EOM(assemble_tangent)(interval, open, &open[nq], dp, there, &there[nq], &du[EOM_INPUTS_OF(sizes)]); }
     EOM(prescribe_tangent)(interval, there, &there[nq]);
-    EOM(forces_within)(interval, share, C(0.0), here, &here[nq], u, NULL);
-    EOM(forces_tangent)(interval, share, C(0.0), rates, d, here, &here[nq], there, &there[nq], du);
-    EOM(refuse_failed)(KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, here, &here[nq], u, there, &there[nq], du, dp, da), RATES_OF(sizes), da);
+    EOM(forces_within)(interval, share, EOM_C(0.0), here, &here[nq], u, NULL);
+    EOM(forces_tangent)(interval, share, EOM_C(0.0), rates, d, here, &here[nq], there, &there[nq], du);
+    EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->forward_dynamics_tangent(interval->h, here, &here[nq], u, there, &there[nq], du, dp, da), EOM_RATES_OF(sizes), da);
 }
 
 /* The explicit method of a step. */
@@ -150,7 +150,7 @@ EOM_LOCAL void EOM(explicit_stage)(const EOM(interval) *restrict interval, int s
     (void)memcpy(v_here, v, (size_t)nv * sizeof *v);
     for (int j = 0; j < stage; ++j) {
         const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[stage][j];
-        if (!(EOM_MATH(fabs)(share) > C(0.0))) { continue; }
+        if (!(EOM_MATH(fabs)(share) > EOM_C(0.0))) { continue; }
         EOM(add_share)(nq, share, &states[(nq + nv) * j + nq], q_here);
         EOM(add_share)(nv, share, &a[nv * j], v_here);
     }
@@ -161,7 +161,7 @@ EOM_INLINE const EOM_SCALAR *EOM(explicit_states)(const EOM(interval) *restrict 
 {
     const int nq = EOM(positions_of)(interval);
     const int nv = EOM(rates_of)(interval);
-    if (M_OF(EOM(sizes_of)(interval)) > 0) { return &kept[nv * EXPLICIT_STAGES]; }
+    if (EOM_M_OF(EOM(sizes_of)(interval)) > 0) { return &kept[nv * EOM_EXPLICIT_STAGES]; }
     for (int s = 0; s < EOM(explicit_of)(interval)->stages; ++s) {
         EOM_SCALAR *const here = &room[(nq + nv) * s];
         EOM(explicit_stage)(interval, s, q, v, kept, room, here, &here[nq]);
@@ -175,12 +175,12 @@ EOM_LOCAL int EOM(explicit_forward)(const EOM(interval) *restrict interval, cons
 {
     const int nq = EOM(positions_of)(interval);
     const int nv = EOM(rates_of)(interval);
-    const int m = M_OF(EOM(sizes_of)(interval));
+    const int m = EOM_M_OF(EOM(sizes_of)(interval));
     const int stages = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const a = &u[EOM(inputs_of)(interval)];
     EOM_SCALAR *const rest = &a[nv + 3 * m]; /* of assembly, or states of a tree's stages */
-    EOM_SCALAR *const states = (m > 0) ? &kept[nv * EXPLICIT_STAGES] : rest;
+    EOM_SCALAR *const states = (m > 0) ? &kept[nv * EOM_EXPLICIT_STAGES] : rest;
     for (int s = 0; s < stages; ++s) {
         EOM_SCALAR *const here = &states[(nq + nv) * s];
         EOM(explicit_stage)(interval, s, q, v, kept, states, here, &here[nq]);
@@ -197,17 +197,17 @@ EOM_LOCAL int EOM(explicit_forward)(const EOM(interval) *restrict interval, cons
 EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, EOM_SCALAR *restrict to_q, EOM_SCALAR *restrict to_v, const EOM(slopes) *restrict slopes, EOM_SCALAR *restrict work)
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
     const int nx = nq + nv;
     const int count = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const by_rate = work; /* (stages, nq) */
-    EOM_SCALAR *restrict const by_a = &by_rate[nq * EXPLICIT_STAGES];
-    EOM_SCALAR *restrict const by_q = &by_a[nv * EXPLICIT_STAGES];
+    EOM_SCALAR *restrict const by_a = &by_rate[nq * EOM_EXPLICIT_STAGES];
+    EOM_SCALAR *restrict const by_q = &by_a[nv * EOM_EXPLICIT_STAGES];
     EOM_SCALAR *restrict const by_v = &by_q[nq];
     EOM_SCALAR *const open = &by_v[nv];
     EOM_SCALAR *const room = &open[nx]; /* of states of a tree's stages */
-    EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[nx * EXPLICIT_STAGES];
+    EOM_SCALAR *const rest = (EOM_M_OF(sizes) > 0) ? room : &room[nx * EOM_EXPLICIT_STAGES];
     const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, room);
     for (int j = 0; j < count; ++j) { /* what the end adds */
         const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[count][j];
@@ -215,14 +215,14 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
         for (int i = 0; i < nv; ++i) { by_a[nv * j + i] = share * to_v[i]; }
     }
     for (int s = count - 1; s >= 0; --s) {
-        for (int i = 0; i < nv; ++i) { by_v[i] = (i < nq) ? by_rate[nq * s + i] : C(0.0); }
+        for (int i = 0; i < nv; ++i) { by_v[i] = (i < nq) ? by_rate[nq * s + i] : EOM_C(0.0); }
         if (EOM(assembles_stage)(sizes, s) != 0) { EOM(explicit_stage)(interval, s, q, v, kept, states, open, &open[nq]); }
         EOM(stage_adjoint)(interval, s, EOM(explicit_of)(interval)->shares[s], open, &states[nx * s], &by_a[nv * s], by_q, by_v, slopes, rest);
-        EOM(add_share)(nq, C(1.0), by_q, to_q);
-        EOM(add_share)(nv, C(1.0), by_v, to_v);
+        EOM(add_share)(nq, EOM_C(1.0), by_q, to_q);
+        EOM(add_share)(nv, EOM_C(1.0), by_v, to_v);
         for (int j = 0; j < s; ++j) {
             const EOM_SCALAR share = interval->dt * EOM(explicit_of)(interval)->a[s][j];
-            if (!(EOM_MATH(fabs)(share) > C(0.0))) { continue; }
+            if (!(EOM_MATH(fabs)(share) > EOM_C(0.0))) { continue; }
             EOM(add_share)(nq, share, by_q, &by_rate[nq * j]);
             EOM(add_share)(nv, share, by_v, &by_a[nv * j]);
         }
@@ -234,15 +234,15 @@ EOM_LOCAL void EOM(explicit_adjoint)(const EOM(interval) *restrict interval, con
 EOM_LOCAL void EOM(explicit_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM_SCALAR *restrict kept, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
     const int nx = nq + nv;
     const int count = EOM(explicit_of)(interval)->stages;
     EOM_SCALAR *restrict const da = work;                         /* (stages, nv) */
-    EOM_SCALAR *restrict const moved = &da[nv * EXPLICIT_STAGES]; /* (stages, nx) */
-    EOM_SCALAR *restrict const end = &moved[nx * EXPLICIT_STAGES];
+    EOM_SCALAR *restrict const moved = &da[nv * EOM_EXPLICIT_STAGES]; /* (stages, nx) */
+    EOM_SCALAR *restrict const end = &moved[nx * EOM_EXPLICIT_STAGES];
     EOM_SCALAR *const room = &end[nx]; /* of states of a tree's stages */
-    EOM_SCALAR *const rest = (M_OF(sizes) > 0) ? room : &room[nx * EXPLICIT_STAGES];
+    EOM_SCALAR *const rest = (EOM_M_OF(sizes) > 0) ? room : &room[nx * EOM_EXPLICIT_STAGES];
     const EOM_SCALAR *const states = EOM(explicit_states)(interval, q, v, kept, room);
     for (size_t d = 0; d < directions; ++d) {
         EOM_SCALAR *const dq_own = &dq[d * (size_t)nq];
@@ -283,14 +283,14 @@ EOM_LOCAL void EOM(implicit_end)(const EOM(interval) *restrict interval, const E
 /* Take a step of the linearly implicit Euler method.  work: 5 nu + nv. */
 EOM_LOCAL int EOM(implicit_forward)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, EOM_SCALAR *restrict kept, EOM_SCALAR *restrict q_end, EOM_SCALAR *restrict v_end, EOM_SCALAR *restrict work)
 {
-    const EOM(robot) *const robot = KNOWN(interval->derivatives)->robot;
-    const int nu = INPUTS_OF(robot->sizes);
+    const EOM(robot) *const robot = EOM_KNOWN(interval->derivatives)->robot;
+    const int nu = EOM_INPUTS_OF(robot->sizes);
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const added = &u[nu];
     EOM_SCALAR *restrict const slope = &added[nu];
-    EOM_SCALAR *const a = (M_OF(robot->sizes) > 0) ? kept : &slope[nu];
+    EOM_SCALAR *const a = (EOM_M_OF(robot->sizes) > 0) ? kept : &slope[nu];
     EOM_SCALAR times[2];
-    EOM(implicit_added)(interval, q, v, added, times, slope, &slope[nu + RATES_OF(robot->sizes)]);
+    EOM(implicit_added)(interval, q, v, added, times, slope, &slope[nu + EOM_RATES_OF(robot->sizes)]);
     EOM(forces_within)(interval, 1.0, interval->dt, q, v, u, NULL);
     const int status = robot->implicit_step(interval->h, q, v, u, added, times, a);
     if (status == 0) { EOM(implicit_end)(interval, q, v, a, q_end, v_end); }
@@ -315,9 +315,9 @@ EOM_LOCAL void EOM(implicit_adjoint)(const EOM(interval) *restrict interval, con
     EOM(forces_within)(interval, 1.0, dt, q, v, u, NULL);
     EOM(add_share)(nq, dt, to_q, to_v);
     for (int i = 0; i < nv; ++i) { by_a[i] = dt * to_v[i]; }
-    EOM(refuse_failed)(KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient), nq, gradient);
-    EOM(add_share)(nq, C(1.0), gradient, to_q);
-    EOM(add_share)(nv, C(1.0), &gradient[nq], to_v);
+    EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->implicit_step_adjoint(interval->h, q, v, u, added, times, by_a, gradient), nq, gradient);
+    EOM(add_share)(nq, EOM_C(1.0), gradient, to_q);
+    EOM(add_share)(nv, EOM_C(1.0), &gradient[nq], to_v);
     for (int i = 0; i < nu; ++i) { EOM(gains_adjoint)(interval, i, slope[i] * dt * dt * gradient[nx + nu + i], slope[i] * dt * gradient[nx + nu + i], slopes); }
     EOM(forces_adjoint)(interval, 1.0, dt, q, v, &gradient[nx], to_q, to_v, slopes);
     EOM(parameters_adjoint)(interval, &gradient[nx + 2 * nu], slopes);
@@ -328,9 +328,9 @@ EOM_LOCAL void EOM(implicit_adjoint)(const EOM(interval) *restrict interval, con
 EOM_LOCAL void EOM(implicit_tangent)(const EOM(interval) *restrict interval, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, size_t directions, const EOM(rates) *restrict rates, EOM_SCALAR *restrict dq, EOM_SCALAR *restrict dv, EOM_SCALAR *restrict work)
 {
     const EOM(sizes) *const sizes = EOM(sizes_of)(interval);
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
-    const int nu = INPUTS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     const EOM_SCALAR dt = interval->dt;
     EOM_SCALAR *restrict const u = work;
     EOM_SCALAR *restrict const du = &u[nu];
@@ -344,7 +344,7 @@ EOM_LOCAL void EOM(implicit_tangent)(const EOM(interval) *restrict interval, con
         EOM_SCALAR *const dq_own = &dq[d * (size_t)nq];
         EOM_SCALAR *const dv_own = &dv[d * (size_t)nv];
         EOM(forces_tangent)(interval, 1.0, dt, rates, d, q, v, dq_own, dv_own, du);
-        EOM(refuse_failed)(KNOWN(interval->derivatives)->implicit_step_tangent(interval->h, q, v, u, added, times, dq_own, dv_own, du, &rates->parameters[d * (size_t)sizes->parameters], da), nv, da);
+        EOM(refuse_failed)(EOM_KNOWN(interval->derivatives)->implicit_step_tangent(interval->h, q, v, u, added, times, dq_own, dv_own, du, &rates->parameters[d * (size_t)sizes->parameters], da), nv, da);
         EOM(add_share)(nv, dt, da, dv_own);
         EOM(add_share)(nq, dt, dv_own, dq_own);
     }

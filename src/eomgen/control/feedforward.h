@@ -13,11 +13,11 @@
 #define EOM_FARTHEST ((EOM_SCALAR)1e9)           /* m or rad */
 #define EOM_ENOUGH ((EOM_SCALAR)4.0 * (EOM_SCALAR)EOM_ROUND_OFF)
 #if defined(EOM_SINGLE)
-#define EOM_CLOSE C(1e-4) /* of its scale: what a force is off where it is the one that is wanted */
-#define EOM_FLAT C(1e-6)  /* of the steepest slope of a spring: below it there is none */
+#define EOM_CLOSE EOM_C(1e-4) /* of its scale: what a force is off where it is the one that is wanted */
+#define EOM_FLAT EOM_C(1e-6)  /* of the steepest slope of a spring: below it there is none */
 #else
-#define EOM_CLOSE C(1e-9)
-#define EOM_FLAT C(1e-9)
+#define EOM_CLOSE EOM_C(1e-9)
+#define EOM_FLAT EOM_C(1e-9)
 #endif
 
 /* Writes forces phi of n springs at deflections e, their first and their second derivatives, (3, n). */
@@ -34,10 +34,10 @@ EOM_LOCAL int EOM(feedforward_wind)(int n, EOM(feedforward_springs) springs, con
     for (int i = 0; i < n; ++i) {
         const EOM_SCALAR more = f[i] - still[i];
         const EOM_SCALAR slope = still[n + i];
-        e[i] = (slope > C(0.0)) ? (more / slope) : C(0.0);
-        low[i] = (more > C(0.0)) ? C(0.0) : -EOM_FARTHEST;
-        high[i] = (more < C(0.0)) ? C(0.0) : EOM_FARTHEST;
-        before[i] = C(4.0) * EOM_FARTHEST;
+        e[i] = (slope > EOM_C(0.0)) ? (more / slope) : EOM_C(0.0);
+        low[i] = (more > EOM_C(0.0)) ? EOM_C(0.0) : -EOM_FARTHEST;
+        high[i] = (more < EOM_C(0.0)) ? EOM_C(0.0) : EOM_FARTHEST;
+        before[i] = EOM_C(4.0) * EOM_FARTHEST;
         steepest[i] = EOM_MATH(fabs)(slope);
     }
     int moving = n;
@@ -48,34 +48,34 @@ EOM_LOCAL int EOM(feedforward_wind)(int n, EOM(feedforward_springs) springs, con
             const EOM_SCALAR off = phi[i] - f[i];
             const EOM_SCALAR slope = phi[n + i];
             const EOM_SCALAR here = e[i];
-            if (!(before[i] > C(0.0))) { continue; }
+            if (!(before[i] > EOM_C(0.0))) { continue; }
             if (slope > steepest[i]) { steepest[i] = slope; }
-            if (off > C(0.0)) {
+            if (off > EOM_C(0.0)) {
                 high[i] = here;
-            } else if (off < C(0.0)) {
+            } else if (off < EOM_C(0.0)) {
                 low[i] = here;
             } else {
-                before[i] = C(0.0);
+                before[i] = EOM_C(0.0);
                 continue;
             }
             const EOM_SCALAR newton = here - off / slope;
             const EOM_SCALAR change = EOM_MATH(fabs)(newton - here);
             const EOM_SCALAR enough = EOM_ENOUGH * (EOM_MATH(fabs)(f[i]) + EOM_MATH(fabs)(still[i]));
             EOM_SCALAR left = EOM_MATH(fabs)(off) - enough; /* not above 0 where the spring is done */
-            if ((slope > C(0.0)) && (newton > low[i]) && (newton < high[i]) && ((left <= C(0.0)) || (C(2.0) * change < before[i]))) {
+            if ((slope > EOM_C(0.0)) && (newton > low[i]) && (newton < high[i]) && ((left <= EOM_C(0.0)) || (EOM_C(2.0) * change < before[i]))) {
                 e[i] = newton;
-            } else if (left <= C(0.0)) {
+            } else if (left <= EOM_C(0.0)) {
                 e[i] = here;
             } else if ((low[i] > -EOM_FARTHEST) && (high[i] < EOM_FARTHEST)) {
-                e[i] = low[i] + C(0.5) * (high[i] - low[i]);
+                e[i] = low[i] + EOM_C(0.5) * (high[i] - low[i]);
                 left = high[i] - low[i] - EOM_ENOUGH * EOM_MATH(fabs)(here);
             } else {
                 const EOM_SCALAR outwards = EOM_MATH(fabs)(here) + EOM_MATH(fabs)(off) / steepest[i];
-                const EOM_SCALAR next = (off > C(0.0)) ? (here - outwards) : (here + outwards);
+                const EOM_SCALAR next = (off > EOM_C(0.0)) ? (here - outwards) : (here + outwards);
                 e[i] = (next > -EOM_FARTHEST) ? ((next < EOM_FARTHEST) ? next : EOM_FARTHEST) : -EOM_FARTHEST;
             }
-            before[i] = (left > C(0.0)) ? EOM_MATH(fabs)(e[i] - here) : C(0.0);
-            moving += (before[i] > C(0.0)) ? 1 : 0;
+            before[i] = (left > EOM_C(0.0)) ? EOM_MATH(fabs)(e[i] - here) : EOM_C(0.0);
+            moving += (before[i] > EOM_C(0.0)) ? 1 : 0;
         }
     }
     springs(h, e, phi);
@@ -97,18 +97,18 @@ EOM_LOCAL void EOM(feedforward_piece)(int order, int stride, EOM_SCALAR dt, cons
     a[0] = from[0];
     a[1] = rate;
     if (order == 1) {
-        a[2] = C(3.0) * off - off_rate;
-        a[3] = off_rate - C(2.0) * off;
+        a[2] = EOM_C(3.0) * off - off_rate;
+        a[3] = off_rate - EOM_C(2.0) * off;
     } else {
         const EOM_SCALAR square = dt * dt;
-        const EOM_SCALAR half = C(0.5) * square * from[2 * stride];
+        const EOM_SCALAR half = EOM_C(0.5) * square * from[2 * stride];
         const EOM_SCALAR off_second = square * (to[2 * stride] - from[2 * stride]);
         off -= half;
-        off_rate -= C(2.0) * half;
+        off_rate -= EOM_C(2.0) * half;
         a[2] = half;
-        a[3] = C(10.0) * off - C(4.0) * off_rate + C(0.5) * off_second;
-        a[4] = C(7.0) * off_rate - C(15.0) * off - off_second;
-        a[5] = C(6.0) * off - C(3.0) * off_rate + C(0.5) * off_second;
+        a[3] = EOM_C(10.0) * off - EOM_C(4.0) * off_rate + EOM_C(0.5) * off_second;
+        a[4] = EOM_C(7.0) * off_rate - EOM_C(15.0) * off - off_second;
+        a[5] = EOM_C(6.0) * off - EOM_C(3.0) * off_rate + EOM_C(0.5) * off_second;
     }
 }
 
@@ -116,7 +116,7 @@ EOM_LOCAL void EOM(feedforward_piece)(int order, int stride, EOM_SCALAR dt, cons
  * 1, are exp(-k/d dt) and what the powers of the piece leave at its end, by d. */
 EOM_LOCAL EOM_SCALAR EOM(feedforward_filter)(int order, EOM_SCALAR decay, const EOM_SCALAR *driven, const EOM_SCALAR *piece, EOM_SCALAR w)
 {
-    EOM_SCALAR sum = C(0.0);
+    EOM_SCALAR sum = EOM_C(0.0);
     for (int m = 0; m <= 2 * order; ++m) { sum += driven[m] * piece[m + 1]; }
     return decay * w + sum;
 }
@@ -125,11 +125,11 @@ EOM_LOCAL EOM_SCALAR EOM(feedforward_filter)(int order, EOM_SCALAR decay, const 
  * those of an order have 2 order + 2 numbers.  Returns 0, or 1 + the number of a gear that was not solved.  work: 12 n. */
 EOM_LOCAL int EOM(feedforward_radau)(int n, EOM(feedforward_springs) springs, const EOM_SCALAR *h, int order, EOM_SCALAR dt, const EOM_SCALAR *d, const EOM_SCALAR *forces, EOM_SCALAR *e, EOM_SCALAR *work)
 {
-    static const EOM_SCALAR nodes[3] = { C(0.15505102572168219), C(0.6449489742783178), C(1.0) };
+    static const EOM_SCALAR nodes[3] = { EOM_C(0.15505102572168219), EOM_C(0.6449489742783178), EOM_C(1.0) };
     static const EOM_SCALAR A[9] = {
-        C(0.19681547722366044), C(-0.06553542585019839), C(0.023770974348220154),
-        C(0.39442431473908727), C(0.29207341166522844), C(-0.04154875212599793),
-        C(0.3764030627004673), C(0.5124858261884216), C(0.1111111111111111),
+        EOM_C(0.19681547722366044), EOM_C(-0.06553542585019839), EOM_C(0.023770974348220154),
+        EOM_C(0.39442431473908727), EOM_C(0.29207341166522844), EOM_C(-0.04154875212599793),
+        EOM_C(0.3764030627004673), EOM_C(0.5124858261884216), EOM_C(0.1111111111111111),
     };
     EOM_SCALAR *const stages = work;      /* (3, n) */
     EOM_SCALAR *const phi = &work[3 * n]; /* (3, 3, n) */
@@ -145,13 +145,13 @@ EOM_LOCAL int EOM(feedforward_radau)(int n, EOM(feedforward_springs) springs, co
             EOM_SCALAR by[9];
             const EOM_SCALAR part = dt / d[i];
             for (int s = 0; s < 3; ++s) {
-                EOM_SCALAR force = C(0.0);
+                EOM_SCALAR force = EOM_C(0.0);
                 for (int m = 2 * order + 1; m >= 0; --m) { force = force * nodes[s] + forces[6 * i + m]; }
                 rate[s] = force - phi[3 * n * s + i];
             }
             for (int r = 0; r < 3; ++r) {
                 off[r] = stages[n * r + i] - e[i] - part * (A[3 * r] * rate[0] + A[3 * r + 1] * rate[1] + A[3 * r + 2] * rate[2]);
-                for (int s = 0; s < 3; ++s) { by[3 * r + s] = part * A[3 * r + s] * phi[3 * n * s + n + i] + ((r == s) ? C(1.0) : C(0.0)); }
+                for (int s = 0; s < 3; ++s) { by[3 * r + s] = part * A[3 * r + s] * phi[3 * n * s + n + i] + ((r == s) ? EOM_C(1.0) : EOM_C(0.0)); }
             }
             for (int k = 0; k < 3; ++k) { /* no pivot vanishes: all principal minors of A are above 0, slopes too */
                 for (int r = k + 1; r < 3; ++r) {

@@ -198,7 +198,7 @@ def test_a_level_does_not_run_on_a_processor_below_it(known: Known) -> None:
 
 @pytest.mark.soak  # zig compiles its own libraries the first time
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
-@pytest.mark.parametrize("vector", [(), ("-DEOMGEN_VECTOR=32",)], ids=["neon", "wider"])
+@pytest.mark.parametrize("vector", [(), ("-DEOM_VECTOR_BYTES=32",)], ids=["neon", "wider"])
 def test_another_machine(known: Known, vector: tuple[str, ...]) -> None:
     """Vectors of NEON, on a processor that has had fused multiply-adds from the first on."""
     program, expected = known

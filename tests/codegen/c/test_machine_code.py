@@ -541,7 +541,7 @@ def test_nothing_is_read_before_it_is_written(name: str, tmp_path: Path) -> None
 def test_a_local_that_is_not_written_is_seen(tmp_path: Path) -> None:
     model = build_model(eomgen.load_robot("one_link"))
     source = render(derive_equations(model, MOVING))
-    empty = r"    double sine[PADDED(\1)], cosine[PADDED(\1)];"  # of angles of which nobody takes the sine
-    broken = replace(source, code=re.sub(r"^ *TURN\((\d+), [^;]*\);$", empty, source.code, flags=re.M))
+    empty = r"    double sine[EOM_PADDED(\1)], cosine[EOM_PADDED(\1)];"  # of angles of which nobody takes the sine
+    broken = replace(source, code=re.sub(r"^ *EOM_SIN_COS\((\d+), [^;]*\);$", empty, source.code, flags=re.M))
     assert broken.code != source.code
     refused(AssertionError, "", check_filled, broken, model, tmp_path, ("-w",))

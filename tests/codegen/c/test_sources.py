@@ -120,7 +120,7 @@ def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     write_source(source, tmp_path)
     small = name in ("one_link", "worn_joint", "free_body")
     assert name == "worn_joint" or ("_part1(" in source.code) != small
-    ways = [("gcc", ["-O1"]), ("clang", ["-O0"]), ("gcc", ["-O0", "-DEOMGEN_VECTOR=0"])]
+    ways = [("gcc", ["-O1"]), ("clang", ["-O0"]), ("gcc", ["-O0", "-DEOM_VECTOR_BYTES=0"])]
     compile_all(source, tmp_path, ways if small and dtype == "float64" else ways[1:2])
 
 

@@ -47,14 +47,14 @@ from tests.support.random_robots import random_robot, random_state
 
 DOUBLE = SCALARS["float64"]
 CALLED = """
-static double root(double x) { return sqrt(x); }
-static double magnitude(double x) { return fabs(x); }
-static double larger(double x, double y) { return x < y ? y : x; }
-static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
-static double chosen(double gate, double x, double y) { return gate > 0.0 ? x : y; }
-static double exponential(double x) { return exp(x); }
-static double logarithm(double x) { return log(x); }
-static double bearing(double y, double x) { return atan2(y, x); }
+static double eom_sqrt(double x) { return sqrt(x); }
+static double eom_abs(double x) { return fabs(x); }
+static double eom_max(double x, double y) { return x < y ? y : x; }
+static double eom_heaviside(double x) { return x > 0.0 ? 1.0 : 0.0; }
+static double eom_select(double gate, double x, double y) { return gate > 0.0 ? x : y; }
+static double eom_exp(double x) { return exp(x); }
+static double eom_log(double x) { return log(x); }
+static double eom_atan2(double y, double x) { return atan2(y, x); }
 """
 
 

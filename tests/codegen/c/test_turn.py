@@ -18,7 +18,7 @@ from tests.oracles.sines import polynomials
 from tests.support.processors import skip_without
 from tests.support.soak import soaked
 
-VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-DEOM_LIBM",), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
+VECTORS = [("-DEOM_VECTOR_BYTES=0",), (), ("-DEOM_LIBM",), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
 SOME = [*VECTORS[:3], *(pytest.param(flags, marks=pytest.mark.soak) for flags in VECTORS[3:4]), *VECTORS[4:]]
 LIBRARY = Path(eomgen.__path__[0], "clib")
 CTYPES = {"float64": "double", "float32": "float"}
@@ -29,7 +29,7 @@ def turn(dtype: str, flags: tuple[str, ...], angles: NDArray[np.floating], folde
     real = CTYPES[dtype]
     head = f"void test_turn(const {real} *angle, size_t count, {real} *sine, {real} *cosine)"
     single = "#define EOM_SINGLE\n" if dtype == "float32" else ""
-    text = f'{single}#include "lanes.h"\n{head};\n{head}\n{{\n    turn(angle, count, sine, cosine);\n}}\n'
+    text = f'{single}#include "lanes.h"\n{head};\n{head}\n{{\n    eom_sin_cos(angle, count, sine, cosine);\n}}\n'
     (folder / "turn.c").write_text(text, encoding="ascii")
     library = folder / "turn.so"
     command = ["cc", "-shared", "-fPIC", *FLAGS, *flags, f"-I{LIBRARY}", str(folder / "turn.c"), "-o", str(library)]

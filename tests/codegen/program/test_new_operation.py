@@ -189,11 +189,11 @@ def test_c_of_numbers_and_of_vectors(dtype: str, vector: int, tmp_path_factory: 
     scalar, made = SCALARS[dtype], program()
     single, several = (write_function(made, x).chunks[0] for x in (scalar, scalar.lanes()))
     text = f"""
-#define EOMGEN_VECTOR {vector}
+#define EOM_VECTOR_BYTES {vector}
 {"#define EOM_SINGLE" if dtype == "float32" else ""}
 #include "clib/lanes.h"
 int width(void);
-int width(void) {{ return LANES; }}
+int width(void) {{ return EOM_LANES; }}
 void single(const {scalar.name} *q, {scalar.name} *out);
 void single(const {scalar.name} *q, {scalar.name} *out)
 {{

@@ -19,7 +19,7 @@ from eomgen.pipeline import cache as store
 TARGET = "wasm32-wasi"  # its C library has the sines and powers that generated C calls; what asks the host falls away
 STACK = 1 << 20  # bytes
 # Vectors as on a processor with SSE2, so that sines have the same polynomials, and so the same bits.
-VECTORS = ("-msimd128", "-DEOMGEN_VECTOR=16")
+VECTORS = ("-msimd128", "-DEOM_VECTOR_BYTES=16")
 LINKING = ("-mexec-model=reactor", "-Wl,--gc-sections", "-Wl,--strip-all", f"-Wl,-z,stack-size={STACK}")
 MODULE = "module.wasm"
 EXPORTED = "__heap_base"  # where memory is free
