@@ -227,7 +227,9 @@ class _Writer:
             chunk = chunk_of.get(index)
             note = notes.get(index, note)
             if index == self.behind and self.last == 0:
-                lines[0].append(f"if (!eom_any_positive{'_lanes' if self.scalar.spread else ''}({GATE}[0])) {{ {self.ending} }}")
+                lines[0].append(
+                    f"if (!eom_any_positive{'_lanes' if self.scalar.spread else ''}({GATE}[0])) {{ {self.ending} }}"
+                )
             if chunk is None:
                 if index in self.turns or not instruction.args:
                     text[index] = self._leaf(index)

@@ -81,7 +81,7 @@ const char *one_link_status_text(int status)
 /* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
     (void)h;
 
     out[0] = 1.0; /* joint1.x, joint1.x */
@@ -97,7 +97,7 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v,
         double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
     (void)h;
 
     out[1] = 0.0; /* joint1.gamma */
@@ -111,7 +111,7 @@ int one_link_bias_force(const double *restrict h, const double *restrict q, cons
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v,
         double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
     (void)v;
 
     const double t12 = h[0]*sine[0] - h[1]*cosine[0];
@@ -125,7 +125,7 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench,
         double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
     (void)h;
 
     const double t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -139,7 +139,7 @@ int one_link_external_force(const double *restrict h, const double *restrict q, 
 int one_link_residual(const double *restrict h, const double *restrict q, const double *restrict v,
         const double *restrict a, const double *restrict u, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t12 = a[0] - h[0];
@@ -156,7 +156,7 @@ int one_link_residual(const double *restrict h, const double *restrict q, const 
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v,
         const double *restrict a, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t10 = a[0] - h[0];
@@ -174,7 +174,7 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
         const double *restrict u, double *restrict out)
 {
     double pivot[4];
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     pivot[1] = 1.0;
     pivot[2] = EOM_C0;
@@ -192,14 +192,14 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
     out[0] = t38; /* joint1.x */
     out[1] = 3.0*t27 + t31*t38; /* joint1.gamma */
 
-    return singular(2, pivot);
+    return eom_singular(2, pivot);
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v,
         double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
     (void)h;
 
     out[0] = 0.0; /* joint1.x, joint1.x */
@@ -215,7 +215,7 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
 /* Forces that hold the links' weight, loops cut. */
 int one_link_gravity(const double *restrict h, const double *restrict q, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t10 = h[0]*sine[0] - h[1]*cosine[0];
@@ -229,7 +229,7 @@ int one_link_gravity(const double *restrict h, const double *restrict q, double 
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     const double t8 = v[0]*cosine[0];
     const double t9 = v[0]*sine[0];
@@ -243,7 +243,7 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v,
         const double *restrict a, double *restrict out)
 {
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     out[2] = h[5]; /* joint1, force z */
     out[3] = 0.0; /* joint1, moment x */
@@ -263,7 +263,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
         const double *restrict u, const double *restrict added, const double *restrict dt, double *restrict out)
 {
     double pivot[4];
-    TURN(1, q[1]);
+    EOM_SIN_COS(1, q[1]);
 
     const double t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
@@ -284,7 +284,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     out[0] = t50; /* joint1.x */
     out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]); /* joint1.gamma */
 
-    return singular(2, pivot);
+    return eom_singular(2, pivot);
 }
 
 #include "clib/state_one.h"
@@ -376,7 +376,7 @@ static void one_link_forward_kinematics(const double *restrict h, const double *
         double *restrict pose, double *restrict origins, double *restrict axes)
 {
     int way[2];
-    double turning[3][PADDED(1)];
+    double turning[3][EOM_PADDED(1)];
     double kept[3];
     const eom_way room = { way, turning[0], turning[1], turning[2], kept };
     eom_forward_kinematics(one_link_run, h, q, q, frame, pose, origins, axes, room);

@@ -52,11 +52,11 @@ EOM_LOCAL const EOM_TABLES_OF_FRAMES(5, 4, 1, 3, 1, 2) one_link_frames = {
 /* Mass matrix M(q), eq. (11). */
 static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
     (void)h;
 
-    out[0] = ALL(1.0);
-    out[3] = ALL(EOM_C0);
+    out[0] = EOM_ALL_LANES(1.0);
+    out[3] = EOM_ALL_LANES(EOM_C0);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
     out[1] = -0.5*sine[0];
     out[2] = out[1];
@@ -68,10 +68,10 @@ static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *rest
 static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
     (void)h;
 
-    out[1] = ALL(0.0);
+    out[1] = EOM_ALL_LANES(0.0);
     /* joint1: traces against its tangents, eq. (5) */
     out[0] = cosine[0]*(-0.5*(v[1]*v[1]));
 
@@ -82,7 +82,7 @@ static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restr
 static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
     (void)v;
 
     const lanes t12 = h[0]*sine[0] - h[1]*cosine[0];
@@ -96,7 +96,7 @@ static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes
 static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench,
         lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
     (void)h;
 
     const lanes t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
@@ -110,7 +110,7 @@ static int one_link_external_force_lanes(const lanes *restrict h, const lanes *r
 static int one_link_residual_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t12 = a[0] - h[0];
@@ -127,7 +127,7 @@ static int one_link_residual_lanes(const lanes *restrict h, const lanes *restric
 static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         const lanes *restrict a, lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t10 = a[0] - h[0];
@@ -145,10 +145,10 @@ static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes 
         const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
-    pivot[1] = ALL(1.0);
-    pivot[2] = ALL(EOM_C0);
+    pivot[1] = EOM_ALL_LANES(1.0);
+    pivot[2] = EOM_ALL_LANES(EOM_C0);
     pivot[3] = pivot[2];
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t15 = h[0]*sine[0] - h[1]*cosine[0];
@@ -163,17 +163,17 @@ static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes 
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
-    return singular_lanes(2, 2, pivot);
+    return eom_singular_lanes(2, 2, pivot);
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
     (void)h;
 
-    out[0] = ALL(0.0);
+    out[0] = EOM_ALL_LANES(0.0);
     out[2] = out[0];
     const lanes t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
@@ -186,7 +186,7 @@ static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *
 /* Forces that hold the links' weight, loops cut. */
 static int one_link_gravity_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t10 = h[0]*sine[0] - h[1]*cosine[0];
@@ -201,7 +201,7 @@ static int one_link_gravity_lanes(const lanes *restrict h, const lanes *restrict
 static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
     const lanes t8 = v[0]*cosine[0];
     const lanes t9 = v[0]*sine[0];
@@ -215,11 +215,11 @@ static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict 
 static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v,
         const lanes *restrict a, lanes *restrict out)
 {
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
-    out[2] = ALL(h[5]);
-    out[3] = ALL(0.0);
-    out[4] = ALL(h[6]);
+    out[2] = EOM_ALL_LANES(h[5]);
+    out[3] = EOM_ALL_LANES(0.0);
+    out[4] = EOM_ALL_LANES(h[6]);
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t9 = a[0] - h[0];
     const lanes t15 = sine[0]*t9 + h[1]*cosine[0];
@@ -235,7 +235,7 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
         const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
-    TURN_AT(1, q + 1);
+    EOM_SIN_COS_AT(1, q + 1);
 
     const lanes t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
@@ -256,7 +256,7 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
     out[0] = t50;
     out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]);
 
-    return singular_lanes(2, 2, pivot);
+    return eom_singular_lanes(2, 2, pivot);
 }
 
 #include "clib/state_lanes.h"
@@ -265,109 +265,113 @@ static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *re
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2, one_link_mass_matrix_lanes(h_lanes, VECTOR(q, 2),
-            VECTOR(out, 4))), WRITE_LANES(4))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_ROOM_LANES(4, 1), EOM_ONE_VECTOR(2,
+            one_link_mass_matrix_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(out, 4))), EOM_WRITE_LANES(4))
 }
 
 long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         const double *restrict v, size_t v_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_bias_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2,
+            one_link_bias_force_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(out, 2))),
+            EOM_WRITE_LANES(2))
 }
 
 long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q,
         size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_generalized_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2,
+            one_link_generalized_force_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(out, 2))),
+            EOM_WRITE_LANES(2))
 }
 
 long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(wrench, 6, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_external_force_lanes(h_lanes, VECTOR(q, 2), VECTOR(wrench, 6), VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(wrench, 6, 1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2,
+            one_link_external_force_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(wrench, 6), EOM_VECTOR(out, 2))),
+            EOM_WRITE_LANES(2))
 }
 
 long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u,
         size_t u_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1),
-            ONE_VECTOR(2, one_link_residual_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(u, 2),
-            VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_READ_LANES(a, 2, 1) EOM_READ_LANES(u, 2,
+            1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2, one_link_residual_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v,
+            2), EOM_VECTOR(a, 2), EOM_VECTOR(u, 2), EOM_VECTOR(out, 2))), EOM_WRITE_LANES(2))
 }
 
 long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q,
         size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step,
         double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_inverse_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 2))),
-            WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_READ_LANES(a, 2, 1) EOM_ROOM_LANES(2, 1),
+            EOM_ONE_VECTOR(2, one_link_inverse_dynamics_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(a,
+            2), EOM_VECTOR(out, 2))), EOM_WRITE_LANES(2))
 }
 
 long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q,
         size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step,
         double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(u, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_forward_dynamics_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(u, 2), VECTOR(out, 2))),
-            WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_READ_LANES(u, 2, 1) EOM_ROOM_LANES(2, 1),
+            EOM_ONE_VECTOR(2, one_link_forward_dynamics_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(u,
+            2), EOM_VECTOR(out, 2))), EOM_WRITE_LANES(2))
 }
 
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q,
         size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(4, 1), ONE_VECTOR(2,
-            one_link_coriolis_matrix_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 4))), WRITE_LANES(4))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_ROOM_LANES(4, 1), EOM_ONE_VECTOR(2,
+            one_link_coriolis_matrix_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(out, 4))),
+            EOM_WRITE_LANES(4))
 }
 
 long long one_link_gravity_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2, one_link_gravity_lanes(h_lanes, VECTOR(q, 2),
-            VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2, one_link_gravity_lanes(h_lanes,
+            EOM_VECTOR(q, 2), EOM_VECTOR(out, 2))), EOM_WRITE_LANES(2))
 }
 
 long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         const double *restrict v, size_t v_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) ROOM_LANES(2, 1), ONE_VECTOR(2,
-            one_link_energy_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(out, 2))), WRITE_LANES(2))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_ROOM_LANES(2, 1), EOM_ONE_VECTOR(2,
+            one_link_energy_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(out, 2))), EOM_WRITE_LANES(2))
 }
 
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    SPREAD(h, 7)
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) READ_LANES(v, 2, 1) READ_LANES(a, 2, 1) ROOM_LANES(6, 1), ONE_VECTOR(2,
-            one_link_reactions_lanes(h_lanes, VECTOR(q, 2), VECTOR(v, 2), VECTOR(a, 2), VECTOR(out, 6))),
-            WRITE_LANES(6))
+    EOM_SPREAD(h, 7)
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_READ_LANES(v, 2, 1) EOM_READ_LANES(a, 2, 1) EOM_ROOM_LANES(6, 1),
+            EOM_ONE_VECTOR(2, one_link_reactions_lanes(h_lanes, EOM_VECTOR(q, 2), EOM_VECTOR(v, 2), EOM_VECTOR(a, 2),
+            EOM_VECTOR(out, 6))), EOM_WRITE_LANES(6))
 }
 
 EOM_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine,
         const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
 {
     origins[0] = q[0];
-    origins[1] = ALL(0.0);
+    origins[1] = EOM_ALL_LANES(0.0);
     origins[2] = origins[1];
     axes[1] = origins[1];
     axes[2] = origins[1];
     axes[3] = origins[1];
     axes[4] = origins[1];
-    axes[0] = ALL(1.0);
+    axes[0] = EOM_ALL_LANES(1.0);
     axes[5] = axes[0];
     kept[0] = cosine[0];
     kept[2] = sine[0];
@@ -380,23 +384,23 @@ EOM_PART void one_link_kinematics1_lanes(const lanes *restrict q, const lanes *r
     pose[0] = given[0];
     pose[5] = pose[0];
     pose[1] = given[1];
-    pose[2] = ALL(0.0);
+    pose[2] = EOM_ALL_LANES(0.0);
     pose[6] = pose[2];
     pose[8] = pose[2];
     pose[9] = pose[2];
     pose[11] = pose[2];
     pose[4] = given[2];
     pose[7] = pose[4];
-    pose[10] = ALL(1.0);
+    pose[10] = EOM_ALL_LANES(1.0);
     pose[3] = q[0] + given[0];
 }
 
 EOM_PART void one_link_kinematics2_lanes(lanes *restrict pose)
 {
-    pose[0] = ALL(1.0);
+    pose[0] = EOM_ALL_LANES(1.0);
     pose[5] = pose[0];
     pose[10] = pose[0];
-    pose[1] = ALL(0.0);
+    pose[1] = EOM_ALL_LANES(0.0);
     pose[2] = pose[1];
     pose[3] = pose[1];
     pose[4] = pose[1];
@@ -412,7 +416,7 @@ EOM_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *r
     pose[0] = given[0];
     pose[5] = pose[0];
     pose[1] = given[1];
-    pose[2] = ALL(0.0);
+    pose[2] = EOM_ALL_LANES(0.0);
     pose[6] = pose[2];
     pose[7] = pose[2];
     pose[8] = pose[2];
@@ -420,7 +424,7 @@ EOM_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *r
     pose[11] = pose[2];
     pose[3] = q[0];
     pose[4] = given[2];
-    pose[10] = ALL(1.0);
+    pose[10] = EOM_ALL_LANES(1.0);
 }
 
 /* A run of bodies up to the last one that is wanted, or a frame. */
@@ -474,15 +478,15 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         int frame, double *restrict out)
 {
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(16, 1), ONE_VECTOR(2, one_link_frame_pose_lanes(h, VECTOR(q, 2),
-            frame, VECTOR(out, 16))), WRITE_LANES(16))
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_ROOM_LANES(16, 1), EOM_ONE_VECTOR(2, one_link_frame_pose_lanes(h,
+            EOM_VECTOR(q, 2), frame, EOM_VECTOR(out, 16))), EOM_WRITE_LANES(16))
 }
 
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step,
         int frame, double *restrict out)
 {
-    BY_LANES(2, 1, READ_LANES(q, 2, 1) ROOM_LANES(12, 1), ONE_VECTOR(2, one_link_frame_jacobian_lanes(h, VECTOR(q, 2),
-            frame, VECTOR(out, 12))), WRITE_LANES(12))
+    EOM_BY_LANES(2, 1, EOM_READ_LANES(q, 2, 1) EOM_ROOM_LANES(12, 1), EOM_ONE_VECTOR(2, one_link_frame_jacobian_lanes(h,
+            EOM_VECTOR(q, 2), frame, EOM_VECTOR(out, 12))), EOM_WRITE_LANES(12))
 }
 
 #include "clib/robot_lanes.h"
@@ -500,8 +504,8 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
         size_t every, int method, double *restrict q_out, double *restrict v_out)
 {
     lanes state[EOM_STATE_ROOM(2, 0, 7, 0, 6, 4, 0)];
-    double input[EOM_INPUT_ROOM(2, LANES, 0)];
-    int index[EOM_INDEX_ROOM(2, LANES, 0)];
+    double input[EOM_INPUT_ROOM(2, EOM_LANES, 0)];
+    int index[EOM_INDEX_ROOM(2, EOM_LANES, 0)];
     const eom_workspace_lanes work = { state, input, index };
 
     return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps,

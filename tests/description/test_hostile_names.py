@@ -41,8 +41,8 @@ PER_ROBOT = 50  # hostile names in one URDF
 WORDS = (  # of C, its headers and its compilers; legal names here
     *("int", "double", "main", "NULL", "INFINITY", "NAN", "errno", "M_PI", "linux", "unix", "I", "complex", "restrict"),
     *("inline", "asm", "typeof", "assert", "signbit", "isnan", "sin", "cos", "stdin", "EOF", "environ", "register"),
-    *("__FILE__", "__attribute__", "_Complex", "__linux__", "h", "q", "v", "a", "u", "out", "t0", "t1", "turn", "eom_sin_cos"),
-    *("PADDED", "EOM_PADDED"),
+    *("__FILE__", "__attribute__", "_Complex", "__linux__", "h", "q", "v", "a", "u", "out", "t0", "t1", "turn"),
+    *("PADDED", "EOM_PADDED", "eom_sin_cos"),
     *("lambda", "None", "import", "self", "E", "pi", "S", "N", "oo", "zoo", "Symbol", "exec", "__import__"),
     *("name", "loop"),
 )

@@ -16,17 +16,17 @@
 #endif
 
 #if !defined(EOM_WITHOUT_CHARTS)
-#define ROTATION(name) eom_##name
-#define ROTATION_SCALAR double
-#define ROTATION_MATH(function) function
+#define EOM_ROTATION(name) eom_##name
+#define EOM_ROTATION_SCALAR double
+#define EOM_ROTATION_MATH(function) function
 #include "rotations.h"
 #if defined(EOM_SINGLE)
-#undef ROTATION
-#undef ROTATION_SCALAR
-#undef ROTATION_MATH
-#define ROTATION(name) eomf_##name
-#define ROTATION_SCALAR float
-#define ROTATION_MATH(function) function##f
+#undef EOM_ROTATION
+#undef EOM_ROTATION_SCALAR
+#undef EOM_ROTATION_MATH
+#define EOM_ROTATION(name) eomf_##name
+#define EOM_ROTATION_SCALAR float
+#define EOM_ROTATION_MATH(function) function##f
 #include "rotations.h"
 #endif
 #endif

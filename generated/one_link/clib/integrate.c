@@ -26,10 +26,10 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #if !defined(EOM_ADAPTIVE_ONLY)
 EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
     EOM_SCALAR *const x = work.state;
-    work.state += PADDED_TO_BLOCKS(nq + nv);
+    work.state += EOM_PADDED_TO_BLOCKS(nq + nv);
     (void)memcpy(x, q, (size_t)nq * sizeof *q);
     (void)memcpy(&x[nq], v, (size_t)nv * sizeof *v);
     return EOM(steps)(robot, h, drive, inputs, first, 0, 1, dt, steps, every, method, x, q_out, v_out, work);
@@ -38,12 +38,12 @@ EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, cons
 /* Integrate count states as integrate_fixed does, one after the other. */
 EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
-    const size_t statuses = (size_t)(nq + ((M_OF(robot->sizes) > 0) ? (3 * M_OF(robot->sizes) + nq) : 0));
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
+    const size_t statuses = (size_t)(nq + ((EOM_M_OF(robot->sizes) > 0) ? (3 * EOM_M_OF(robot->sizes) + nq) : 0));
     const size_t rows = steps / every + 1U;
     EOM_SCALAR *const x = work.state;
-    work.state += PADDED_TO_BLOCKS(nq + nv);
+    work.state += EOM_PADDED_TO_BLOCKS(nq + nv);
     for (size_t i = 0; i < count; ++i) {
         (void)memcpy(x, &q[i * q_step], (size_t)nq * sizeof *q);
         (void)memcpy(&x[nq], &v[i * v_step], (size_t)nv * sizeof *v);
@@ -59,19 +59,19 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
  * denormal numbers there cost time. */
 EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, int method, EOM_SCALAR *restrict state)
 {
-    const int more = (eom_error_controls[method].kind == RADAU_KIND) ? EOM_RADAU_ROOM(sizes->rates, sizes->m, sizes->factors, sizes->pair_factors) : 0;
+    const int more = (eom_error_controls[method].kind == EOM_RADAU_KIND) ? EOM_RADAU_ROOM(sizes->rates, sizes->m, sizes->factors, sizes->pair_factors) : 0;
     const int room = EOM_STATE_ROOM(sizes->rates, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations) + more;
-    if (BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
+    if (EOM_BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
 }
 
 EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, EOM(workspace) work)
 {
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
     const size_t place = 0;
     EOM_SCALAR *const x = work.state;
     EOM(clear_room)(robot->sizes, method, work.state);
-    work.state += PADDED_TO_BLOCKS(2 * nv);
+    work.state += EOM_PADDED_TO_BLOCKS(2 * nv);
     (void)memcpy(x, q, (size_t)nq * sizeof *q);
     (void)memcpy(&x[nq], v, (size_t)nv * sizeof *v);
     EOM(adapt)(robot, h, drive, inputs, 0, allowed, 0, &place, 1, times, samples, method, x, q_out, v_out, progress, record, work);
@@ -83,9 +83,9 @@ EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const E
 /* work: nq + nv + 12 nu and what computed torque takes; index: 2 nq. */
 EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t count, const EOM(inputs) *restrict inputs, const double *restrict times, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, double *restrict work, int *restrict index)
 {
-    const int nq = POSITIONS_OF(sizes);
-    const int nv = RATES_OF(sizes);
-    const int nu = INPUTS_OF(sizes);
+    const int nq = EOM_POSITIONS_OF(sizes);
+    const int nv = EOM_RATES_OF(sizes);
+    const int nu = EOM_INPUTS_OF(sizes);
     double *const position = work;
     double *const rate = &position[nq];
     double *const force = &rate[nv];
@@ -116,11 +116,11 @@ EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t c
 /* Integrate count states as integrate_adaptive does, one after the other, those at place, or the first ones. */
 EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace) work)
 {
-    const int nq = POSITIONS_OF(robot->sizes);
-    const int nv = RATES_OF(robot->sizes);
+    const int nq = EOM_POSITIONS_OF(robot->sizes);
+    const int nv = EOM_RATES_OF(robot->sizes);
     EOM_SCALAR *const x = work.state;
     EOM(clear_room)(robot->sizes, method, work.state);
-    work.state += PADDED_TO_BLOCKS(2 * nv);
+    work.state += EOM_PADDED_TO_BLOCKS(2 * nv);
     for (size_t i = 0; i < count; ++i) {
         const size_t k = (place == NULL) ? i : place[i];
         (void)memcpy(x, &q[k * (size_t)nq], (size_t)nq * sizeof *q);

@@ -8,31 +8,31 @@
 #define EOM_MATH(function) function##f
 #define EOM_ROUND_OFF 1.1920929e-07F
 #define EOM_VANISHED 1e-05F
-#define C(x) x##F
+#define EOM_C(x) x##F
 #else
 #define EOM(name) eom_##name
 #define EOM_SCALAR double
 #define EOM_MATH(function) function
 #define EOM_ROUND_OFF 2.220446049250313e-16
 #define EOM_VANISHED 1e-12 /* of its scale: a pivot that is no larger has vanished */
-#define C(x) x
+#define EOM_C(x) x
 #endif
 
 #if defined(EOM_RATES)
-#define POSITIONS_OF(sizes) EOM_POSITIONS
-#define RATES_OF(sizes) EOM_RATES
-#define INPUTS_OF(sizes) EOM_INPUTS
-#define M_OF(sizes) EOM_M
-#define ROTATIONS_OF(sizes) EOM_ROTATIONS
+#define EOM_POSITIONS_OF(sizes) EOM_POSITIONS
+#define EOM_RATES_OF(sizes) EOM_RATES
+#define EOM_INPUTS_OF(sizes) EOM_INPUTS
+#define EOM_M_OF(sizes) EOM_M
+#define EOM_ROTATIONS_OF(sizes) EOM_ROTATIONS
 #else
-#define POSITIONS_OF(sizes) ((sizes)->positions)
-#define RATES_OF(sizes) ((sizes)->rates)
-#define INPUTS_OF(sizes) ((sizes)->inputs)
-#define M_OF(sizes) ((sizes)->m)
-#define ROTATIONS_OF(sizes) ((sizes)->rotations)
+#define EOM_POSITIONS_OF(sizes) ((sizes)->positions)
+#define EOM_RATES_OF(sizes) ((sizes)->rates)
+#define EOM_INPUTS_OF(sizes) ((sizes)->inputs)
+#define EOM_M_OF(sizes) ((sizes)->m)
+#define EOM_ROTATIONS_OF(sizes) ((sizes)->rotations)
 #endif
-#define STATE_OF(sizes) (POSITIONS_OF(sizes) + RATES_OF(sizes))
-#define PADDED_TO_BLOCKS(n) (((n) + BLOCK - 1) / BLOCK * BLOCK)
+#define EOM_STATE_OF(sizes) (EOM_POSITIONS_OF(sizes) + EOM_RATES_OF(sizes))
+#define EOM_PADDED_TO_BLOCKS(n) (((n) + EOM_BLOCK - 1) / EOM_BLOCK * EOM_BLOCK)
 
 #if defined(EOM_RADAU) || !defined(EOM_RATES)
 #define EOM_HAS_RADAU /* a robot's file says whether it has the equations that the method asks for */
@@ -58,11 +58,11 @@
 #define EOM_INLINE static inline __attribute__((unused))
 #define EOM_IN_PLACE static inline __attribute__((unused, always_inline)) /* where sizes are constants */
 #define EOM_PRAGMA(words) _Pragma(#words)
-#define UNROLL(times) EOM_PRAGMA(GCC unroll times)
+#define EOM_UNROLL(times) EOM_PRAGMA(GCC unroll times)
 #else
 #define EOM_INLINE static
 #define EOM_IN_PLACE static
-#define UNROLL(times)
+#define EOM_UNROLL(times)
 #endif
 
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */
@@ -73,7 +73,7 @@ EOM_LOCAL int EOM(all_finite)(int count, const EOM_SCALAR *restrict x)
 {
     int is_finite = 1;
     for (int i = 0; i < count; ++i) {
-        if (!((x[i] - x[i]) >= C(0.0))) { is_finite = 0; }
+        if (!((x[i] - x[i]) >= EOM_C(0.0))) { is_finite = 0; }
     }
     return is_finite;
 }

@@ -20,7 +20,7 @@ typedef struct {
 } EOM(workspace_lanes);
 
 #if !defined(EOM_RATES)
-/* Integrate count states as integrate_fixed does, LANES at a time; what one of them does changes no bit of another.  -1, or
+/* Integrate count states as integrate_fixed does, EOM_LANES at a time; what one of them does changes no bit of another.  -1, or
  * (state * steps + step) * statuses + i of the first failure. */
 long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *robot, size_t count, const EOM_SCALAR *h, const EOM_SCALAR *q, size_t q_step, const EOM_SCALAR *v, size_t v_step, const EOM(drive) *drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *q_out, EOM_SCALAR *v_out, EOM(workspace_lanes) work);
 #endif

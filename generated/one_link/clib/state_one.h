@@ -1,19 +1,19 @@
 /* state_one.h: one state in each number. */
-#undef F
-#undef REAL
-#undef WIDTH
-#undef BLOCK
-#undef LANE_OF
-#undef WHOLE
-#undef HERE_OF
-#define F(name) EOM(name)
-#define REAL EOM_SCALAR
-#define WIDTH 1
-#define LANE_OF(x, l) (x)
-#define WHOLE(x) (x)
-#define HERE_OF(h) (h)
+#undef EOM_F
+#undef EOM_REAL
+#undef EOM_WIDTH
+#undef EOM_BLOCK
+#undef EOM_LANE_OF
+#undef EOM_WHOLE
+#undef EOM_HERE_OF
+#define EOM_F(name) EOM(name)
+#define EOM_REAL EOM_SCALAR
+#define EOM_WIDTH 1
+#define EOM_LANE_OF(x, l) (x)
+#define EOM_WHOLE(x) (x)
+#define EOM_HERE_OF(h) (h)
 #if defined(EOM_RATES)
-#define BLOCK 1
+#define EOM_BLOCK 1
 #else
-#define BLOCK 4
+#define EOM_BLOCK 4
 #endif

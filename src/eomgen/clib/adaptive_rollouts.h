@@ -61,9 +61,9 @@ EOM_LOCAL void EOM_F(end_failed)(EOM_F(integration) *restrict it, int *restrict 
 /* What steps of Radau IIA do besides. */
 #if defined(EOM_HAS_RADAU)
 #include "radau_control.h"
-#define WITH_RADAU(kind, statements) if ((kind) == EOM_RADAU_KIND) { statements; }
+#define EOM_WITH_RADAU(kind, statements) if ((kind) == EOM_RADAU_KIND) { statements; }
 #else
-#define WITH_RADAU(kind, statements)
+#define EOM_WITH_RADAU(kind, statements)
 #endif
 
 /* Begin with states at their beginning, or go on where progress is. */
@@ -360,7 +360,7 @@ EOM_LOCAL void EOM_F(adapt)(const EOM_F(robot) *restrict robot, const EOM_REAL *
     it.step.x = x;
     for (int i = nx; i < 2 * EOM_RATES_OF(sizes); ++i) { x[i] = EOM_WHOLE(EOM_C(0.0)); }
     it.step.inside = NULL;
-    WITH_RADAU(kind, EOM_F(carve_radau)(sizes, &it.radau, &work); it.step.inside = it.radau.inside)
+    EOM_WITH_RADAU(kind, EOM_F(carve_radau)(sizes, &it.radau, &work); it.step.inside = it.radau.inside)
     EOM_F(begin_motion)(&it, inputs, inputs_step, here);
     for (int l = 0; l < (int)EOM_WIDTH; ++l) {
         const long long limit = EOM_F(tolerance_of)(&it, l)->most;
@@ -373,7 +373,7 @@ EOM_LOCAL void EOM_F(adapt)(const EOM_F(robot) *restrict robot, const EOM_REAL *
         EOM_F(begin_charts)(sizes, h, drive->kp, drive->kd, &charts, x, &x[nq]);
         EOM_F(resume_charts)(sizes, drive, place, &charts, x, &x[nq]);
     }
-    WITH_RADAU(kind, EOM_F(resume_radau)(&it.problem, place, progress, &it.radau))
+    EOM_WITH_RADAU(kind, EOM_F(resume_radau)(&it.problem, place, progress, &it.radau))
     for (long long pass = 0; (it.left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         if (EOM_F(look_at_clock)(&it, pass) != 0) {
             EOM_F(rate)(&it.problem, 0.0, 0, x, it.step.dx, work);
@@ -392,12 +392,12 @@ EOM_LOCAL void EOM_F(adapt)(const EOM_F(robot) *restrict robot, const EOM_REAL *
         }
         if ((inputs != NULL) && (kind != EOM_RADAU_KIND)) { EOM_F(put_prescribed_ends)(&it.problem, &it.step, work.input); }
         EOM_F(judge_steps)(&it, work.state);
-        WITH_RADAU(kind, EOM_F(keep_inside)(&it))
+        EOM_WITH_RADAU(kind, EOM_F(keep_inside)(&it))
         const int inside = EOM_F(prepare_inside)(&it, dt, work);
         for (int l = 0; l < (int)EOM_WIDTH; ++l) {
             if (it.taken[l] == 0) { continue; }
             EOM_F(accept_step)(&it, l, inside, work);
-            if (it.halts[l] != 0) { WITH_RADAU(kind, EOM_F(forget_radau)(sizes, &it.radau, l)) }
+            if (it.halts[l] != 0) { EOM_WITH_RADAU(kind, EOM_F(forget_radau)(sizes, &it.radau, l)) }
             if (record != NULL) { EOM_F(record_step)(&it, l, stiffness, record, work.state); }
             if ((progress[place[l]].sample > samples) && (it.failed[l] == 0)) {
                 progress[place[l]].reason = 1;
@@ -406,13 +406,13 @@ EOM_LOCAL void EOM_F(adapt)(const EOM_F(robot) *restrict robot, const EOM_REAL *
         }
         EOM_F(end_failed)(&it, it.taken); /* within a step, where works are integrated */
         if (EOM_ROTATIONS_OF(sizes) == 0) { continue; }
-        WITH_RADAU(kind, EOM_F(look_at_charts)(sizes, &charts, &it.radau, 0))
+        EOM_WITH_RADAU(kind, EOM_F(look_at_charts)(sizes, &charts, &it.radau, 0))
         if (EOM_F(change_charts)(sizes, &charts, x, &x[nq]) != 0) {
             for (int l = 0; l < (int)EOM_WIDTH; ++l) { it.known[l] = 0; }
-            WITH_RADAU(kind, EOM_F(look_at_charts)(sizes, &charts, &it.radau, 1))
+            EOM_WITH_RADAU(kind, EOM_F(look_at_charts)(sizes, &charts, &it.radau, 1))
         }
     }
-    WITH_RADAU(kind, EOM_F(keep_radau)(&it.problem, place, progress, &it.radau))
+    EOM_WITH_RADAU(kind, EOM_F(keep_radau)(&it.problem, place, progress, &it.radau))
     if (EOM_ROTATIONS_OF(sizes) > 0) {
         EOM_F(keep_charts)(sizes, drive, place, (size_t)here, &charts, x, &x[nq]);
         EOM_F(describe)(sizes, &charts, 0, x, &x[nq], it.step.x_end, &it.step.x_end[nq]);
@@ -421,4 +421,4 @@ EOM_LOCAL void EOM_F(adapt)(const EOM_F(robot) *restrict robot, const EOM_REAL *
 }
 #undef EOM_TAKE_EXPLICIT
 #undef EOM_TAKE_ROSENBROCK
-#undef WITH_RADAU
+#undef EOM_WITH_RADAU

@@ -101,6 +101,18 @@ def test_every_output_index_has_a_name(robot: str) -> None:
         assert divmod(int(index), len(places)) == tuple(model.coordinates.index(x) for x in (row, column))
 
 
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_macros_and_static_functions_have_a_prefix(robot: str) -> None:
+    """That of the library, or the robot's name, so that other C of a project has the same names."""
+    source = make_source(robot, package_options(robot))
+    assert {f"{robot}.c", f"{robot}_batch.c", "clib/lanes.h"} <= set(source.files)
+    for place, text in source.files.items():
+        macros = re.findall(r"^ *# *define (\w+)", text, re.MULTILINE)
+        functions = re.findall(r"^(?:static|EOM_[A-Z]+) [^;{}=]*?\b(\w+)\([^;{}]*\)\s*\{", text, re.MULTILINE)
+        own = ("EOM_", "EOMGEN_", f"{robot.upper()}_")
+        assert {name for name in (*macros, *functions) if not name.upper().startswith(own)} <= {"EOM"}, place
+
+
 def test_names_follow_axes() -> None:
     meta = {"coordinates": ("j.x", "j.y"), "internal_states": ("j.x.z",), "joints": ("j",), "links": ("l",)}
     assert entry_names("matrix", (2, 2), meta) == ["j.x, j.x", "j.x, j.y", "j.y, j.x", "j.y, j.y"]
