@@ -6,6 +6,7 @@ python -m eomgen.codegen.c.functions > src/eomgen/clib/operations.h
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 from ..program.operations import OPERATIONS, Operations
 from .scalar_types import SCALARS, Scalar
 from .source import environment
+from .wrapping import wrapped
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,9 @@ def operations_header(operations: Operations = OPERATIONS) -> str:
     """Return ``clib/operations.h``."""
     called = [operation for operation in operations.values() if operation.function]
     sines = {dtype: sine_constants(dtype, "(z)") for dtype in ("float32", "float64")}
-    return environment().get_template("kernel/operations.h.jinja").render(functions=called, sines=sines)
+    for numbers in sines.values():  # a macro has "\\" at the end of a line
+        numbers |= {name: " \\\n    ".join(textwrap.wrap(numbers[name], 90)) for name in ("sine", "cosine")}
+    return wrapped(environment().get_template("kernel/operations.h.jinja").render(functions=called, sines=sines))
 
 
 if __name__ == "__main__":

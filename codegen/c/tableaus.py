@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from eomgen.kernel.stepping.methods import EXPLICIT, ROSENBROCK, TABLE, IntegrationMethod, Rows, tableaus
 
+from .wrapping import wrapped
+
 STAGES = 6  # EOM_EXPLICIT_STAGES and EOM_ROSENBROCK_STAGES of clib/methods.h, for which workspaces have room
 KINDS = {EXPLICIT: "EOM_EXPLICIT_KIND", ROSENBROCK: "EOM_ROSENBROCK_KIND"}
 
@@ -149,7 +151,7 @@ def render_tableaus(table: Sequence[IntegrationMethod] = TABLE) -> dict[str, str
         *map(_error_control, adaptive),
         "};\n",
     ]
-    return {file: "".join(text) for file, text in files.items()}
+    return {file: wrapped("".join(text)) for file, text in files.items()}
 
 
 if __name__ == "__main__":

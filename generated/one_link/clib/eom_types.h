@@ -1,7 +1,7 @@
 /* eom_types.h: types of one precision; eom.h includes it for each. */
 
-/* Drives, held over a step or from a sample to the next (zero-order hold): u + kp (target - q) - kd v.  Those of state s
- * from sample k on lie at s * u_state + k * u_step.  kp, kd and target may be NULL together. */
+/* Drives, held over a step or from a sample to the next (zero-order hold): u + kp (target - q) - kd v.  Those of state
+ * s from sample k on lie at s * u_state + k * u_step.  kp, kd and target may be NULL together. */
 typedef struct {
     const EOM_SCALAR *u; /* nu, N or Nm, or units of drives' inputs */
     size_t u_state;
@@ -15,21 +15,24 @@ typedef struct {
     EOM_SCALAR *turned;       /* NULL, or per state how joints of three rotations are turned, kept for what goes on */
 } EOM(drive);
 
-/* What an energy balance needs of a robot: its passive forces, those of drives with states, NULL without any, and the forces
- * that a motion needs, by its inverse dynamics, or with closed loops by its residual: nv each, whose power is that by v. */
+/* What an energy balance needs of a robot: its passive forces, those of drives with states, NULL without any, and the
+ * forces that a motion needs, by its inverse dynamics, or with closed loops by its residual: nv each, whose power is
+ * that by v. */
 typedef struct {
     int (*generalized_force)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, EOM_SCALAR *out);
     const EOM_SCALAR *passive_h;
-    int (*drive_forces)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u, EOM_SCALAR *out);
+    int (*drive_forces)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *u,
+            EOM_SCALAR *out);
     const EOM_SCALAR *drive_h;
     int (*needed)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *a, EOM_SCALAR *out);
     const EOM_SCALAR *needed_h;
-    int (*residual)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *a, const EOM_SCALAR *u, EOM_SCALAR *out);
+    int (*residual)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *v, const EOM_SCALAR *a,
+            const EOM_SCALAR *u, EOM_SCALAR *out);
 } EOM(energy_balance);
 
-/* Inputs that follow time itself, between first and last, beside drives; any of them may be NULL.  They jump at the times of
- * stop.  force_back, pose_back: adjoints of external_force and frame_pose; force_along, pose_along: their tangents;
- * force_by, pose_by: those by parameters. */
+/* Inputs that follow time itself, between first and last, beside drives; any of them may be NULL.  They jump at the
+ * times of stop.  force_back, pose_back: adjoints of external_force and frame_pose; force_along, pose_along: their
+ * tangents; force_by, pose_by: those by parameters. */
 typedef struct {
     double first; /* s */
     double last;
@@ -46,13 +49,16 @@ typedef struct {
     const EOM_SCALAR *frame_h;
     int (*external_force)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, EOM_SCALAR *out);
     const EOM_SCALAR *force_h; /* NULL: h of the rollout */
-    int (*force_back)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *weights, EOM_SCALAR *out);
+    int (*force_back)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *weights,
+            EOM_SCALAR *out);
     const EOM_SCALAR *force_back_h;
     int (*pose_back)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *weights, EOM_SCALAR *out);
     const EOM_SCALAR *pose_back_h;
-    int (*force_along)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *dq, const EOM_SCALAR *dwrench, EOM_SCALAR *out);
+    int (*force_along)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *dq,
+            const EOM_SCALAR *dwrench, EOM_SCALAR *out);
     const EOM_SCALAR *force_along_h;
-    int (*force_by)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *dp, EOM_SCALAR *out);
+    int (*force_by)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *wrench, const EOM_SCALAR *dp,
+            EOM_SCALAR *out);
     const EOM_SCALAR *force_by_h;
     int (*pose_along)(const EOM_SCALAR *h, const EOM_SCALAR *q, const EOM_SCALAR *dq, EOM_SCALAR *out);
     const EOM_SCALAR *pose_along_h;

@@ -2,8 +2,9 @@
 #ifndef EOM_FRAMES_H
 #define EOM_FRAMES_H
 
-/* Nodes are the base, the bodies, and the frames, each behind its body.  A run is one of them, or several that follow each other.
- * Axes are those of joint coordinates, body by body.  Sizes are those of tables, so that compilers know them. */
+/* Nodes are the base, the bodies, and the frames, each behind its body.  A run is one of them, or several that follow
+ * each other.  Axes are those of joint coordinates, body by body.  Sizes are those of tables, so that compilers know
+ * them. */
 #define EOM_TABLES_OF_FRAMES(nodes, runs, places, frames, bodies, axes) \
     struct { \
         int run_of[nodes];     /* of each node */ \

@@ -1,5 +1,5 @@
-/* inputs.h: what is the same for one state and for many: methods, inputs over time and models of computed torque, or with
- * EOM_HELD none of these two: drives are held in steps. */
+/* inputs.h: what is the same for one state and for many: methods, inputs over time and models of computed torque, or
+ * with EOM_HELD none of these two: drives are held in steps. */
 #ifndef EOM_INPUTS_H
 #define EOM_INPUTS_H
 #include "eom.h"

@@ -1,5 +1,5 @@
-/* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors, or
- * include it in a robot's file that defines EOM_RATES.  It may be one part alone, as integrate.c. */
+/* integrate_lanes.c: integration of many states, one in every lane of a vector; compile it once per width of vectors,
+ * or include it in a robot's file that defines EOM_RATES.  It may be one part alone, as integrate.c. */
 #include "inputs.h"
 
 #include "robot_lanes.h"
@@ -23,7 +23,10 @@ EOM_LOCAL void EOM(store_lanes)(const lanes *restrict x, size_t here, size_t str
 #undef EOM_LANES_HERE
 
 #if !defined(EOM_ADAPTIVE_ONLY)
-EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
+EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *restrict robot, size_t count,
+        const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v,
+        size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method,
+        EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace_lanes) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -37,7 +40,8 @@ EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *res
         const size_t here = (count - i < EOM_LANES) ? (count - i) : EOM_LANES;
         eom_gather(&q[i * q_step], q_step, here, 0, nq, x);
         eom_gather(&v[i * v_step], v_step, here, 0, nv, &x[nq]);
-        const long long failed = EOM(steps_lanes)(robot, h_lanes, drive, NULL, 0.0, i, here, dt, steps, every, method, x, &q_out[i * rows * (size_t)nq], &v_out[i * rows * (size_t)nv], work);
+        const long long failed = EOM(steps_lanes)(robot, h_lanes, drive, NULL, 0.0, i, here, dt, steps, every, method,
+                x, &q_out[i * rows * (size_t)nq], &v_out[i * rows * (size_t)nv], work);
         if (failed >= 0) {
             const long long step = failed / (statuses * (long long)EOM_LANES);
             const long long place = failed % (statuses * (long long)EOM_LANES);
@@ -49,7 +53,12 @@ EOM_PUBLIC long long EOM_WIDE(integrate_fixed_batch)(const EOM(robot_lanes) *res
 #endif
 
 #if !defined(EOM_FIXED_ONLY)
-EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace_lanes) work)
+EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restrict robot, size_t count,
+        const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive,
+        const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed,
+        size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q,
+        EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress,
+        EOM(workspace_lanes) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -69,12 +78,15 @@ EOM_PUBLIC void EOM_WIDE(integrate_adaptive_batch)(const EOM(robot_lanes) *restr
             (void)memcpy(&q_rows[l * (size_t)nq], &q[at[l] * (size_t)nq], q_row);
             (void)memcpy(&v_rows[l * (size_t)nv], &v[at[l] * (size_t)nv], v_row);
             if ((h_step != 0U) || (i == 0U)) {
-                for (int j = 0; j < robot->sizes->hoisted; ++j) { EOM_LANE(h_lanes[j], l) = h[at[l] * h_step + (size_t)j]; }
+                for (int j = 0; j < robot->sizes->hoisted; ++j) {
+                    EOM_LANE(h_lanes[j], l) = h[at[l] * h_step + (size_t)j];
+                }
             }
         }
         eom_gather(q_rows, (size_t)nq, EOM_LANES, 0, nq, x);
         eom_gather(v_rows, (size_t)nv, EOM_LANES, 0, nv, &x[nq]);
-        EOM(adapt_lanes)(robot, h_lanes, drive, inputs, inputs_step, allowed, allowed_step, at, (int)here, times, samples, method, x, q_out, v_out, progress, NULL, work);
+        EOM(adapt_lanes)(robot, h_lanes, drive, inputs, inputs_step, allowed, allowed_step, at, (int)here, times,
+                samples, method, x, q_out, v_out, progress, NULL, work);
         eom_scatter(x, NULL, EOM_LANES, 0, nq, (size_t)nq, q_rows);
         eom_scatter(&x[nq], NULL, EOM_LANES, 0, nv, (size_t)nv, v_rows);
         for (size_t l = 0; l < here; ++l) {

@@ -1,4 +1,5 @@
-/* operations.h: functions of the operations of programs, of one number and of vectors, and constants of sines and cosines.
+/* operations.h: functions of the operations of programs, of one number and of vectors, and constants of sines and
+ * cosines.
  * Generated from codegen/program/operations.py by `make operations`; included by lanes.h. */
 #if defined(EOM_SINGLE)
 #define EOM_LARGEST_ANGLE 5000.0f
@@ -12,8 +13,11 @@
 #define EOM_TWO_OVER_PI 0.6366197723675814 /* 2/pi */
 #define EOM_ROUNDING_SHIFT 6755399441055744.0 /* brings a number's units into the lowest bits */
 #define EOM_REDUCED_ANGLE(x, k) ((x) - (k)*1.5707963267341256 - (k)*6.077100506303966e-11 - (k)*2.0222662487959506e-21)
-#define EOM_SIN_SERIES(z) (-0.16666666666666632 + (z)*(0.00833333333332249 + (z)*(-0.0001984126982985795 + (z)*(2.7557313707070068e-06 + (z)*(-2.5050760253406863e-08 + (z)*1.58969099521155e-10)))))
-#define EOM_COS_SERIES(z) (0.0416666666666666 + (z)*(-0.001388888888887411 + (z)*(2.480158728947673e-05 + (z)*(-2.7557314351390663e-07 + (z)*(2.087572321298175e-09 + (z)*-1.1359647557788195e-11)))))
+#define EOM_SIN_SERIES(z) (-0.16666666666666632 + (z)*(0.00833333333332249 + (z)*(-0.0001984126982985795 + \
+    (z)*(2.7557313707070068e-06 + (z)*(-2.5050760253406863e-08 + (z)*1.58969099521155e-10)))))
+#define EOM_COS_SERIES(z) (0.0416666666666666 + (z)*(-0.001388888888887411 + (z)*(2.480158728947673e-05 + \
+    (z)*(-2.7557314351390663e-07 + (z)*(2.087572321298175e-09 + \
+    (z)*-1.1359647557788195e-11)))))
 #endif
 
 EOM_INLINE EOM_SCALAR eom_abs(EOM_SCALAR x) { return EOM_MATH(fabs)(x); }
@@ -26,10 +30,27 @@ EOM_INLINE EOM_SCALAR eom_exp(EOM_SCALAR x) { return EOM_MATH(exp)(x); }
 EOM_INLINE EOM_SCALAR eom_log(EOM_SCALAR x) { return EOM_MATH(log)(x); }
 
 #if EOM_VECTOR_BYTES
-EOM_INLINE lanes eom_abs_lanes(lanes x) { const lanes none = { EOM_C(0.0) }; return (lanes)((bits)x & ~(bits)-none); }
-EOM_INLINE lanes eom_max_lanes(lanes x, lanes y) { const bits holds = (bits)(x < y); return (lanes)((holds & (bits)y) | (~holds & (bits)x)); }
-EOM_INLINE lanes eom_heaviside_lanes(lanes x) { const lanes none = { EOM_C(0.0) }; return (lanes)((bits)(x > none) & (bits)(none + EOM_C(1.0))); }
-EOM_INLINE lanes eom_select_lanes(lanes gate, lanes x, lanes y) { const lanes none = { EOM_C(0.0) }; const bits holds = (bits)(gate > none); return (lanes)((holds & (bits)x) | (~holds & (bits)y)); }
+EOM_INLINE lanes eom_abs_lanes(lanes x)
+{
+    const lanes none = { EOM_C(0.0) };
+    return (lanes)((bits)x & ~(bits)-none);
+}
+EOM_INLINE lanes eom_max_lanes(lanes x, lanes y)
+{
+    const bits holds = (bits)(x < y);
+    return (lanes)((holds & (bits)y) | (~holds & (bits)x));
+}
+EOM_INLINE lanes eom_heaviside_lanes(lanes x)
+{
+    const lanes none = { EOM_C(0.0) };
+    return (lanes)((bits)(x > none) & (bits)(none + EOM_C(1.0)));
+}
+EOM_INLINE lanes eom_select_lanes(lanes gate, lanes x, lanes y)
+{
+    const lanes none = { EOM_C(0.0) };
+    const bits holds = (bits)(gate > none);
+    return (lanes)((holds & (bits)x) | (~holds & (bits)y));
+}
 #else
 EOM_INLINE lanes eom_abs_lanes(lanes x) { return eom_abs(x); }
 EOM_INLINE lanes eom_max_lanes(lanes x, lanes y) { return eom_max(x, y); }

@@ -1,5 +1,6 @@
-/* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and sizes, of the
- * robot, or with EOM_POSITIONS, EOM_RATES, EOM_INPUTS, EOM_M and EOM_ROTATIONS known when this is compiled; and a check of numbers. */
+/* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and
+ * sizes, of the robot, or with EOM_POSITIONS, EOM_RATES, EOM_INPUTS, EOM_M and EOM_ROTATIONS known when this is
+ * compiled; and a check of numbers. */
 #ifndef EOM_PRECISION_H
 #define EOM_PRECISION_H
 #if defined(EOM_SINGLE)

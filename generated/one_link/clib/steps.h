@@ -1,5 +1,5 @@
-/* steps.h: all that takes steps, of one state or of one in every lane; integrate.c and integrate_lanes.c say how states are read
- * and written. */
+/* steps.h: all that takes steps, of one state or of one in every lane; integrate.c and integrate_lanes.c say how states
+ * are read and written. */
 #include "combinations.h"
 #if !defined(EOM_WITHOUT_CHARTS)
 #include "charts.h"

@@ -1,8 +1,10 @@
 /* combinations.h: linear combinations of states, of one state or of one in every lane.  No sum is reordered.
  *
- * Where sizes are not known when this is compiled, arrays are padded to blocks of so many numbers that loops over coordinates
- * are whole vectors, whatever the number of coordinates: what stands behind the last one is never looked at. */
-#define EOM_FOR_EACH(i, n) for (int block = 0; block < (n); block += EOM_BLOCK) for (int i = block; i < block + EOM_BLOCK; ++i)
+ * Where sizes are not known when this is compiled, arrays are padded to blocks of so many numbers that loops over
+ * coordinates are whole vectors, whatever the number of coordinates: what stands behind the last one is never looked
+ * at. */
+#define EOM_FOR_EACH(i, n) \
+    for (int block = 0; block < (n); block += EOM_BLOCK) for (int i = block; i < block + EOM_BLOCK; ++i)
 
 /* y = x. */
 EOM_INLINE void EOM_F(copy)(int n, const EOM_REAL *restrict x, EOM_REAL *restrict y)
@@ -10,8 +12,10 @@ EOM_INLINE void EOM_F(copy)(int n, const EOM_REAL *restrict x, EOM_REAL *restric
     EOM_FOR_EACH(i, n) { y[i] = x[i]; }
 }
 
-/* y = x + scale (weight[0] increment[0] + weight[1] increment[1] + ...); increments lie apart numbers from each other. */
-EOM_INLINE void EOM_F(advance)(int n, int stages, const EOM_SCALAR *restrict weight, EOM_REAL scale, const EOM_REAL *restrict increment, int apart, const EOM_REAL *restrict x, EOM_REAL *restrict y)
+/* y = x + scale (weight[0] increment[0] + weight[1] increment[1] + ...); increments lie apart numbers from each
+ * other. */
+EOM_INLINE void EOM_F(advance)(int n, int stages, const EOM_SCALAR *restrict weight, EOM_REAL scale,
+        const EOM_REAL *restrict increment, int apart, const EOM_REAL *restrict x, EOM_REAL *restrict y)
 {
     EOM_FOR_EACH(i, n) {
         EOM_REAL sum = weight[0] * increment[i];
@@ -22,7 +26,8 @@ EOM_INLINE void EOM_F(advance)(int n, int stages, const EOM_SCALAR *restrict wei
 }
 
 /* y = x + weight[0] increment[0] + weight[1] increment[1] + ... */
-EOM_INLINE void EOM_F(accumulate)(int n, int stages, const EOM_SCALAR *restrict weight, const EOM_REAL *restrict increment, int apart, const EOM_REAL *restrict x, EOM_REAL *restrict y)
+EOM_INLINE void EOM_F(accumulate)(int n, int stages, const EOM_SCALAR *restrict weight,
+        const EOM_REAL *restrict increment, int apart, const EOM_REAL *restrict x, EOM_REAL *restrict y)
 {
     EOM_FOR_EACH(i, n) {
         EOM_REAL sum = x[i];
@@ -33,7 +38,8 @@ EOM_INLINE void EOM_F(accumulate)(int n, int stages, const EOM_SCALAR *restrict 
 }
 
 /* y = weight[0] increment[0] + weight[1] increment[1] + ... */
-EOM_INLINE void EOM_F(weigh)(int n, int stages, const EOM_SCALAR *restrict weight, const EOM_REAL *restrict increment, int apart, EOM_REAL *restrict y)
+EOM_INLINE void EOM_F(weigh)(int n, int stages, const EOM_SCALAR *restrict weight, const EOM_REAL *restrict increment,
+        int apart, EOM_REAL *restrict y)
 {
     EOM_FOR_EACH(i, n) {
         EOM_REAL sum = weight[0] * increment[i];
@@ -43,8 +49,10 @@ EOM_INLINE void EOM_F(weigh)(int n, int stages, const EOM_SCALAR *restrict weigh
     }
 }
 
-/* The same with weights that are those of lanes: values of a polynomial without its constant by powers of where it is asked for. */
-EOM_INLINE void EOM_F(follow)(int n, int powers, const EOM_REAL *restrict power, const EOM_REAL *restrict increment, int apart, EOM_REAL *restrict y)
+/* The same with weights that are those of lanes: values of a polynomial without its constant by powers of where it is
+ * asked for. */
+EOM_INLINE void EOM_F(follow)(int n, int powers, const EOM_REAL *restrict power, const EOM_REAL *restrict increment,
+        int apart, EOM_REAL *restrict y)
 {
     EOM_FOR_EACH(i, n) {
         EOM_REAL sum = power[0] * increment[i];
@@ -67,13 +75,15 @@ EOM_INLINE void EOM_F(add)(int n, const EOM_REAL *restrict x, const EOM_REAL *re
 }
 
 /* z = scale (x + y). */
-EOM_INLINE void EOM_F(add_scaled)(int n, EOM_REAL scale, const EOM_REAL *restrict x, const EOM_REAL *restrict y, EOM_REAL *restrict z)
+EOM_INLINE void EOM_F(add_scaled)(int n, EOM_REAL scale, const EOM_REAL *restrict x, const EOM_REAL *restrict y,
+        EOM_REAL *restrict z)
 {
     EOM_FOR_EACH(i, n) { z[i] = scale * (x[i] + y[i]); }
 }
 
 /* z + i t = (c + i d) ((x + y) + i (u + w)). */
-EOM_INLINE void EOM_F(add_turned)(int n, EOM_REAL c, EOM_REAL d, const EOM_REAL *restrict x, const EOM_REAL *restrict y, const EOM_REAL *restrict u, const EOM_REAL *restrict w, EOM_REAL *restrict z, EOM_REAL *restrict t)
+EOM_INLINE void EOM_F(add_turned)(int n, EOM_REAL c, EOM_REAL d, const EOM_REAL *restrict x, const EOM_REAL *restrict y,
+        const EOM_REAL *restrict u, const EOM_REAL *restrict w, EOM_REAL *restrict z, EOM_REAL *restrict t)
 {
     EOM_FOR_EACH(i, n) {
         const EOM_REAL real = x[i] + y[i];

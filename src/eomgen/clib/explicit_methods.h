@@ -1,8 +1,10 @@
-/* explicit_methods.h: explicit methods, rows of coefficients for stages; EOM_C() makes numbers of the precision of states. */
+/* explicit_methods.h: explicit methods, rows of coefficients for stages; EOM_C() makes numbers of the precision of
+ * states. */
 
 enum { EOM_EXPLICIT_STAGES = 6 };
 
-/* An explicit method.  Behind the rows of its stages stands that of the step, which is the last stage with error control. */
+/* An explicit method.  Behind the rows of its stages stands that of the step, which is the last stage with error
+ * control. */
 typedef struct {
     int stages; /* without the last one */
     EOM_SCALAR a[EOM_EXPLICIT_STAGES + 1][EOM_EXPLICIT_STAGES];

@@ -1,7 +1,9 @@
 /* fixed_steps.h: steps of fixed length, of one state or of one in every lane. */
 
 /* Forces u + kp (target - q - ahead v) - kd v of drives at a step, saturated; slope as of saturate.  work: nq. */
-EOM_LOCAL void EOM_F(held_forces)(const EOM_F(motion) *restrict motion, size_t state, size_t here, size_t step, const EOM_REAL *restrict q, const EOM_REAL *restrict v, EOM_SCALAR ahead, EOM_REAL *restrict u, EOM_REAL *restrict slope, EOM_REAL *restrict work)
+EOM_LOCAL void EOM_F(held_forces)(const EOM_F(motion) *restrict motion, size_t state, size_t here, size_t step,
+        const EOM_REAL *restrict q, const EOM_REAL *restrict v, EOM_SCALAR ahead, EOM_REAL *restrict u,
+        EOM_REAL *restrict slope, EOM_REAL *restrict work)
 {
     const EOM(drive) *const drive = motion->drive;
     const EOM(sizes) *const sizes = motion->robot->sizes;
@@ -13,16 +15,18 @@ EOM_LOCAL void EOM_F(held_forces)(const EOM_F(motion) *restrict motion, size_t s
     if (EOM_ROTATIONS_OF(sizes) > 0) { EOM_F(turn_forces)(sizes, motion->charts, q, u); }
 #endif
     if (drive->kp != NULL) {
-        EOM_F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, nq, work);
+        EOM_F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here,
+                nq, work);
         for (int i = 0; i < nq; ++i) { u[i] += drive->kp[i] * (work[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i]; }
     }
     if (drive->effort != NULL) { EOM_F(saturate)(drive, nu, u, slope); }
 }
 
 #if !defined(EOM_HELD)
-/* Begin a step at a time, with the row of drives that it holds, where there are inputs; at its ends signals are asked a little
- * inside where they jump there. */
-EOM_LOCAL void EOM_F(begin_fixed_step)(EOM_F(problem) *restrict problem, size_t state, size_t step, double begin, double end, EOM_REAL *restrict u, EOM_REAL *restrict target)
+/* Begin a step at a time, with the row of drives that it holds, where there are inputs; at its ends signals are asked a
+ * little inside where they jump there. */
+EOM_LOCAL void EOM_F(begin_fixed_step)(EOM_F(problem) *restrict problem, size_t state, size_t step, double begin,
+        double end, EOM_REAL *restrict u, EOM_REAL *restrict target)
 {
     EOM_F(clock) *const clock = &problem->clock;
     const EOM(inputs) *const inputs = clock->inputs[0];
@@ -33,8 +37,14 @@ EOM_LOCAL void EOM_F(begin_fixed_step)(EOM_F(problem) *restrict problem, size_t 
     double after = begin;
     double before = end;
     if (inputs->stops > 0U) {
-        if (eom_stops_until(inputs->stop, inputs->stops, begin + near) > eom_stops_until(inputs->stop, inputs->stops, begin - near)) { after = begin + aside; }
-        if (eom_stops_until(inputs->stop, inputs->stops, end + near) > eom_stops_until(inputs->stop, inputs->stops, end - near)) { before = end - aside; }
+        if (eom_stops_until(inputs->stop, inputs->stops, begin + near) > eom_stops_until(inputs->stop, inputs->stops,
+                begin - near)) {
+            after = begin + aside;
+        }
+        if (eom_stops_until(inputs->stop, inputs->stops, end + near) > eom_stops_until(inputs->stop, inputs->stops, end
+                - near)) {
+            before = end - aside;
+        }
     }
     for (int l = 0; l < (int)EOM_WIDTH; ++l) {
         clock->begin[l] = begin;
@@ -43,16 +53,21 @@ EOM_LOCAL void EOM_F(begin_fixed_step)(EOM_F(problem) *restrict problem, size_t 
         clock->after[l] = after;
         clock->before[l] = before;
     }
-    EOM_F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, EOM_INPUTS_OF(problem->motion.robot->sizes), u);
-    if (drive->kp != NULL) { EOM_F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, EOM_POSITIONS_OF(problem->motion.robot->sizes), target); }
+    EOM_F(load)(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here,
+            EOM_INPUTS_OF(problem->motion.robot->sizes), u);
+    if (drive->kp != NULL) {
+        EOM_F(load)(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here,
+                EOM_POSITIONS_OF(problem->motion.robot->sizes), target);
+    }
     problem->u = u;
     problem->target = target;
 }
 #endif
 
-/* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held, inputs as they are at each
- * stage.  x is not restrict: GCC 12 at -O3 takes sums for what they were before some stages where it is. */
-EOM_LOCAL int EOM_F(rk4_step)(const EOM_F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, EOM_REAL *x, EOM_F(workspace) work)
+/* Take a step of the classical Runge-Kutta method of order 4 for the state x = (q, v), drives held, inputs as they are
+ * at each stage.  x is not restrict: GCC 12 at -O3 takes sums for what they were before some stages where it is. */
+EOM_LOCAL int EOM_F(rk4_step)(const EOM_F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt,
+        EOM_REAL *x, EOM_F(workspace) work)
 {
     const EOM(explicit_method) *const method = &eom_explicit_methods[0];
     const EOM_F(motion) *const motion = &problem->motion;
@@ -76,9 +91,14 @@ EOM_LOCAL int EOM_F(rk4_step)(const EOM_F(problem) *restrict problem, size_t sta
             if (opened != 0) { return opened; }
         }
 #endif
-        if (problem->clock.inputs[0] == NULL) { EOM_F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], EOM_C(0.0), u, NULL, work.state); }
+        if (problem->clock.inputs[0] == NULL) {
+            EOM_F(held_forces)(motion, state, (size_t)problem->clock.here, step, x_here, &x_here[nq], EOM_C(0.0), u,
+                    NULL, work.state);
+        }
 #if !defined(EOM_HELD)
-        if (problem->clock.inputs[0] != NULL) { EOM_F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work); }
+        if (problem->clock.inputs[0] != NULL) {
+            EOM_F(forces)(problem, method->shares[stage], 0, x_here, &x_here[nq], u, NULL, work);
+        }
 #endif
         const int status = robot->forward_dynamics(motion->h, x_here, &x_here[nq], u, a);
         if (status != 0) { return status; }
@@ -95,9 +115,10 @@ EOM_LOCAL int EOM_F(rk4_step)(const EOM_F(problem) *restrict problem, size_t sta
     return 0;
 }
 
-/* Take a step of the linearly implicit Euler method: springs, dampers and controllers at its end, all else at its beginning;
- * inputs are those of its end, where velocities lead until then. */
-EOM_LOCAL int EOM_F(implicit_euler_step)(const EOM_F(problem) *restrict problem, size_t state, size_t step, EOM_SCALAR dt, EOM_REAL *restrict x, EOM_F(workspace) work)
+/* Take a step of the linearly implicit Euler method: springs, dampers and controllers at its end, all else at its
+ * beginning; inputs are those of its end, where velocities lead until then. */
+EOM_LOCAL int EOM_F(implicit_euler_step)(const EOM_F(problem) *restrict problem, size_t state, size_t step,
+        EOM_SCALAR dt, EOM_REAL *restrict x, EOM_F(workspace) work)
 {
     const EOM_F(motion) *const motion = &problem->motion;
     const EOM(drive) *const drive = motion->drive;
@@ -115,7 +136,9 @@ EOM_LOCAL int EOM_F(implicit_euler_step)(const EOM_F(problem) *restrict problem,
     times[0] = EOM_WHOLE(dt);
     times[1] = EOM_WHOLE(dt * dt);
     if (problem->clock.inputs[0] == NULL) {
-        for (int i = 0; i < nu; ++i) { added[i] = (drive->kp == NULL) ? EOM_WHOLE(EOM_C(0.0)) : EOM_WHOLE(dt * (drive->kd[i] + dt * drive->kp[i])); }
+        for (int i = 0; i < nu; ++i) {
+            added[i] = (drive->kp == NULL) ? EOM_WHOLE(EOM_C(0.0)) : EOM_WHOLE(dt * (drive->kd[i] + dt * drive->kp[i]));
+        }
         EOM_F(held_forces)(motion, state, (size_t)problem->clock.here, step, q, v, dt, u, slope, work.state);
         for (int i = 0; (drive->effort != NULL) && (i < nu); ++i) { added[i] *= slope[i]; }
     }
@@ -141,9 +164,12 @@ EOM_LOCAL int EOM_F(implicit_euler_step)(const EOM_F(problem) *restrict problem,
     return 0;
 }
 
-/* Take steps from one state to the next, from a time on where there are inputs; every so many are stored.  -1, or step *
- * (statuses in a call) + what the step said. */
-EOM_LOCAL long long EOM_F(steps)(const EOM_F(robot) *restrict robot, const EOM_REAL *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, size_t state, size_t here, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_REAL *restrict x, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM_F(workspace) work)
+/* Take steps from one state to the next, from a time on where there are inputs; every so many are stored.  -1, or step
+ * * (statuses in a call) + what the step said. */
+EOM_LOCAL long long EOM_F(steps)(const EOM_F(robot) *restrict robot, const EOM_REAL *restrict h,
+        const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, size_t state, size_t here,
+        EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_REAL *restrict x, EOM_SCALAR *restrict q_out,
+        EOM_SCALAR *restrict v_out, EOM_F(workspace) work)
 {
     const EOM(sizes) *const sizes = robot->sizes;
     const int nq = EOM_POSITIONS_OF(sizes);
@@ -188,13 +214,18 @@ EOM_LOCAL long long EOM_F(steps)(const EOM_F(robot) *restrict robot, const EOM_R
 #endif
     for (size_t step = 0; step < steps; ++step) {
 #if !defined(EOM_HELD)
-        if (inputs != NULL) { EOM_F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first + (double)(step + 1U) * (double)dt, u, target); }
+        if (inputs != NULL) {
+            EOM_F(begin_fixed_step)(&problem, state, step, first + (double)step * (double)dt, first
+                    + (double)(step + 1U) * (double)dt, u, target);
+        }
 #endif
-        const int status = (method == 0) ? EOM_F(rk4_step)(&problem, state, step, dt, x, work) : EOM_F(implicit_euler_step)(&problem, state, step, dt, x, work);
+        const int status = (method == 0) ? EOM_F(rk4_step)(&problem, state, step, dt, x, work)
+                : EOM_F(implicit_euler_step)(&problem, state, step, dt, x, work);
         if (status != 0) { return (long long)step * statuses_of_a_step + status - 1; }
 #if !defined(EOM_HELD)
         for (int l = 0; (inputs != NULL) && (l < (int)here); ++l) {
-            EOM_F(put_prescribed)(&problem, l, (EOM_M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l]) : EOM_F(instant_at)(&problem.clock, l, 1.0), x, work.input);
+            EOM_F(put_prescribed)(&problem, l, (EOM_M_OF(sizes) > 0) ? eom_instant_of(problem.clock.end[l])
+                    : EOM_F(instant_at)(&problem.clock, l, 1.0), x, work.input);
         }
 #endif
 #if !defined(EOM_WITHOUT_LOOPS)

@@ -10,9 +10,9 @@ typedef struct {
     const EOM(drive) *drive;
 } EOM_F(motion);
 
-/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where inputs jump
- * there, the next such time, and by which inputs, NULL for all or for none; powers of all stages, W, number w of stage s of lane
- * l at [(s * EOM_WORKS + w) * EOM_WIDTH + l], where works are asked for. */
+/* Where lanes are in their steps: from when on, how long and to when, with times inside beside both ends where inputs
+ * jump there, the next such time, and by which inputs, NULL for all or for none; powers of all stages, W, number w of
+ * stage s of lane l at [(s * EOM_WORKS + w) * EOM_WIDTH + l], where works are asked for. */
 typedef struct {
     const EOM(inputs) *inputs[EOM_WIDTH];
     double *power;
@@ -25,9 +25,9 @@ typedef struct {
     int here;
 } EOM_F(clock);
 
-/* What steps are of: a motion, its forces and targets, and where its lanes are.  failed: of each lane 0, or what the first of its
- * equations said that could not be solved in this step; NULL where steps are of fixed length and end at once.  spare: of lanes
- * nq + nv + 2 nu + 6 + hoisted. */
+/* What steps are of: a motion, its forces and targets, and where its lanes are.  failed: of each lane 0, or what the
+ * first of its equations said that could not be solved in this step; NULL where steps are of fixed length and end at
+ * once.  spare: of lanes nq + nv + 2 nu + 6 + hoisted. */
 typedef struct {
     EOM_F(motion) motion;
     const EOM_REAL *u;

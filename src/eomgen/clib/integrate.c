@@ -1,6 +1,7 @@
-/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_RATES, and with its
- * derivatives EOM_DERIVATIVES.  It may be one part alone: steps of fixed length (EOM_FIXED_ONLY), with EOM_HELD those
- * without inputs over time, or steps with error control (EOM_ADAPTIVE_ONLY), both without derivatives. */
+/* integrate.c: integration of one state; compile it once, or include it in a robot's file that defines EOM_RATES, and
+ * with its derivatives EOM_DERIVATIVES.  It may be one part alone: steps of fixed length (EOM_FIXED_ONLY), with
+ * EOM_HELD those without inputs over time, or steps with error control (EOM_ADAPTIVE_ONLY), both without
+ * derivatives. */
 #include "inputs.h"
 
 #include "state_one.h"
@@ -24,7 +25,10 @@ EOM_LOCAL void EOM(store)(const EOM_SCALAR *restrict x, size_t here, size_t stri
 #include "steps.h"
 
 #if !defined(EOM_ADAPTIVE_ONLY)
-EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h,
+        const EOM_SCALAR *restrict q, const EOM_SCALAR *restrict v, const EOM(drive) *restrict drive,
+        const EOM(inputs) *restrict inputs, double first, EOM_SCALAR dt, size_t steps, size_t every, int method,
+        EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -36,7 +40,10 @@ EOM_PUBLIC long long EOM(integrate_fixed)(const EOM(robot) *restrict robot, cons
 }
 
 /* Integrate count states as integrate_fixed does, one after the other. */
-EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count, const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v, size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
+EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict robot, size_t count,
+        const EOM_SCALAR *restrict h, const EOM_SCALAR *restrict q, size_t q_step, const EOM_SCALAR *restrict v,
+        size_t v_step, const EOM(drive) *restrict drive, EOM_SCALAR dt, size_t steps, size_t every, int method,
+        EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, EOM(workspace) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -47,7 +54,8 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
     for (size_t i = 0; i < count; ++i) {
         (void)memcpy(x, &q[i * q_step], (size_t)nq * sizeof *q);
         (void)memcpy(&x[nq], &v[i * v_step], (size_t)nv * sizeof *v);
-        const long long failed = EOM(steps)(robot, h, drive, NULL, 0.0, i, 1, dt, steps, every, method, x, &q_out[i * rows * (size_t)nq], &v_out[i * rows * (size_t)nv], work);
+        const long long failed = EOM(steps)(robot, h, drive, NULL, 0.0, i, 1, dt, steps, every, method, x,
+                &q_out[i * rows * (size_t)nq], &v_out[i * rows * (size_t)nv], work);
         if (failed >= 0) { return (long long)(i * steps * statuses) + failed; }
     }
     return -1;
@@ -55,16 +63,22 @@ EOM_PUBLIC long long EOM(integrate_fixed_one_by_one)(const EOM(robot) *restrict 
 #endif
 
 #if !defined(EOM_FIXED_ONLY)
-/* Clear the room of a state: what stands behind the last coordinate of a block is computed with, and never looked at, and
- * denormal numbers there cost time. */
+/* Clear the room of a state: what stands behind the last coordinate of a block is computed with, and never looked at,
+ * and denormal numbers there cost time. */
 EOM_LOCAL void EOM(clear_room)(const EOM(sizes) *restrict sizes, int method, EOM_SCALAR *restrict state)
 {
-    const int more = (eom_error_controls[method].kind == EOM_RADAU_KIND) ? EOM_RADAU_ROOM(sizes->rates, sizes->m, sizes->factors, sizes->pair_factors) : 0;
-    const int room = EOM_STATE_ROOM(sizes->rates, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench, sizes->parameters, sizes->rotations) + more;
+    const int more = (eom_error_controls[method].kind == EOM_RADAU_KIND)
+            ? EOM_RADAU_ROOM(sizes->rates, sizes->m, sizes->factors, sizes->pair_factors) : 0;
+    const int room = EOM_STATE_ROOM(sizes->rates, sizes->m, sizes->hoisted, sizes->factors, sizes->wrench,
+            sizes->parameters, sizes->rotations) + more;
     if (EOM_BLOCK > 1) { (void)memset(state, 0, (size_t)room * sizeof *state); }
 }
 
-EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(record) *restrict record, EOM(workspace) work)
+EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const EOM_SCALAR *restrict h,
+        const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, const EOM(tolerance) *restrict allowed,
+        const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v,
+        EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress,
+        EOM(record) *restrict record, EOM(workspace) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -74,14 +88,17 @@ EOM_PUBLIC int EOM(integrate_adaptive)(const EOM(robot) *restrict robot, const E
     work.state += EOM_PADDED_TO_BLOCKS(2 * nv);
     (void)memcpy(x, q, (size_t)nq * sizeof *q);
     (void)memcpy(&x[nq], v, (size_t)nv * sizeof *v);
-    EOM(adapt)(robot, h, drive, inputs, 0, allowed, 0, &place, 1, times, samples, method, x, q_out, v_out, progress, record, work);
+    EOM(adapt)(robot, h, drive, inputs, 0, allowed, 0, &place, 1, times, samples, method, x, q_out, v_out, progress,
+            record, work);
     (void)memcpy(q, x, (size_t)nq * sizeof *q);
     (void)memcpy(v, &x[nq], (size_t)nv * sizeof *v);
     return progress->reason;
 }
 
 /* work: nq + nv + 12 nu and what computed torque takes; index: 2 nq. */
-EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t count, const EOM(inputs) *restrict inputs, const double *restrict times, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, double *restrict work, int *restrict index)
+EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t count,
+        const EOM(inputs) *restrict inputs, const double *restrict times, EOM_SCALAR *restrict q,
+        EOM_SCALAR *restrict v, EOM_SCALAR *restrict u, double *restrict work, int *restrict index)
 {
     const int nq = EOM_POSITIONS_OF(sizes);
     const int nv = EOM_RATES_OF(sizes);
@@ -114,7 +131,12 @@ EOM_PUBLIC void EOM(inputs_over_time)(const EOM(sizes) *restrict sizes, size_t c
 }
 
 /* Integrate count states as integrate_adaptive does, one after the other, those at place, or the first ones. */
-EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict robot, size_t count, const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive, const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q, EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress, EOM(workspace) work)
+EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict robot, size_t count,
+        const size_t *restrict place, const EOM_SCALAR *restrict h, size_t h_step, const EOM(drive) *restrict drive,
+        const EOM(inputs) *restrict inputs, size_t inputs_step, const EOM(tolerance) *restrict allowed,
+        size_t allowed_step, const double *restrict times, size_t samples, int method, EOM_SCALAR *restrict q,
+        EOM_SCALAR *restrict v, EOM_SCALAR *restrict q_out, EOM_SCALAR *restrict v_out, eom_progress *restrict progress,
+        EOM(workspace) work)
 {
     const int nq = EOM_POSITIONS_OF(robot->sizes);
     const int nv = EOM_RATES_OF(robot->sizes);
@@ -125,7 +147,8 @@ EOM_PUBLIC void EOM(integrate_adaptive_one_by_one)(const EOM(robot) *restrict ro
         const size_t k = (place == NULL) ? i : place[i];
         (void)memcpy(x, &q[k * (size_t)nq], (size_t)nq * sizeof *q);
         (void)memcpy(&x[nq], &v[k * (size_t)nv], (size_t)nv * sizeof *v);
-        EOM(adapt)(robot, &h[k * h_step], drive, inputs, inputs_step, allowed, allowed_step, &k, 1, times, samples, method, x, q_out, v_out, progress, NULL, work);
+        EOM(adapt)(robot, &h[k * h_step], drive, inputs, inputs_step, allowed, allowed_step, &k, 1, times, samples,
+                method, x, q_out, v_out, progress, NULL, work);
         (void)memcpy(&q[k * (size_t)nq], x, (size_t)nq * sizeof *q);
         (void)memcpy(&v[k * (size_t)nv], &x[nq], (size_t)nv * sizeof *v);
     }

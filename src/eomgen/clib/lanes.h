@@ -1,9 +1,9 @@
-/* lanes.h: several states at a time, one in every lane of a vector of the compiler: types, arithmetic that C has no operators for,
- * and how states come into vectors and out.  Of one precision, as precision.h says.
+/* lanes.h: several states at a time, one in every lane of a vector of the compiler: types, arithmetic that C has no
+ * operators for, and how states come into vectors and out.  Of one precision, as precision.h says.
  *
- * EOM_VECTOR_BYTES: bytes of a vector, 0 for none; by default the widest of the processor, but for functions of one state
- * (EOM_WITHOUT_LANES), whose few angles fill no wide one.
- * EOM_LIBM: sines and cosines are those of the C library. */
+ * EOM_VECTOR_BYTES: bytes of a vector, 0 for none; by default the widest of the processor, but for functions of one
+ * state (EOM_WITHOUT_LANES), whose few angles fill no wide one.  EOM_LIBM: sines and cosines are those of the C
+ * library. */
 #ifndef EOM_LANES_H
 #define EOM_LANES_H
 #include <math.h>
@@ -65,11 +65,13 @@ typedef EOM_SCALAR lanes;
 #include "operations.h"
 #define EOM_SIGN_SHIFT (8 * EOM_BYTES - 2) /* from bit 1 to the sign */
 
-/* Take sines and cosines of count angles, a multiple of EOM_LANES, within 2.5 units in the last place.  The nearest multiple of pi/2
- * is taken off in parts, products of all but the last exact, and the rest r goes with z = r^2 into the polynomials of fdlibm (Sun
- * Microsystems 1993), or in single precision of the Cephes library (S. L. Moshier): r + r z EOM_SIN_SERIES(z), 1 - z (1/2 - z EOM_COS_SERIES(z)).
- * Angles farther than EOM_LARGEST_ANGLE are left to the C library; with EOM_LIBM all are.  Bits are the same with vectors and without. */
-EOM_LOCAL void eom_sin_cos(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *restrict sine, EOM_SCALAR *restrict cosine)
+/* Take sines and cosines of count angles, a multiple of EOM_LANES, within 2.5 units in the last place.  The nearest
+ * multiple of pi/2 is taken off in parts, products of all but the last exact, and the rest r goes with z = r^2 into the
+ * polynomials of fdlibm (Sun Microsystems 1993), or in single precision of the Cephes library (S. L. Moshier): r + r z
+ * EOM_SIN_SERIES(z), 1 - z (1/2 - z EOM_COS_SERIES(z)).  Angles farther than EOM_LARGEST_ANGLE are left to the C
+ * library; with EOM_LIBM all are.  Bits are the same with vectors and without. */
+EOM_LOCAL void eom_sin_cos(const EOM_SCALAR *restrict angle, size_t count, EOM_SCALAR *restrict sine,
+        EOM_SCALAR *restrict cosine)
 {
 #if EOM_VECTOR_BYTES && !defined(EOM_LIBM)
     bits far = { 0 };
@@ -129,7 +131,8 @@ EOM_LOCAL void eom_sin_cos(const EOM_SCALAR *restrict angle, size_t count, EOM_S
 #undef EOM_SIN_SERIES
 #undef EOM_COS_SERIES
 
-/* Declare sine and cosine of so many angles, and take them: of numbers, of vectors, and of vectors that stand side by side. */
+/* Declare sine and cosine of so many angles, and take them: of numbers, of vectors, and of vectors that stand side by
+ * side. */
 #define EOM_SIN_COS(count, ...) \
     const EOM_SCALAR angle[EOM_PADDED(count)] = { __VA_ARGS__ }; \
     EOM_SCALAR sine[EOM_PADDED(count)]; \
@@ -153,8 +156,8 @@ EOM_INLINE int eom_any_positive_lanes(lanes gate)
     return 0;
 }
 
-/* Return 0, or 1 + i for the first of n coordinates whose pivot vanishes beside its scale, which stands behind it; what is no number
- * has vanished. */
+/* Return 0, or 1 + i for the first of n coordinates whose pivot vanishes beside its scale, which stands behind it; what
+ * is no number has vanished. */
 EOM_LOCAL int eom_singular(int n, const EOM_SCALAR *restrict pivot)
 {
     for (int i = 0; i < n; ++i) {
@@ -176,7 +179,9 @@ EOM_LOCAL int eom_singular_lanes(int n, int statuses, const lanes *restrict pivo
 #endif
     for (int l = 0; l < EOM_LANES; ++l) {
         for (int i = 0; i < n; ++i) {
-            if (!(EOM_LANE(pivot[2 * i], l) > EOM_VANISHED * EOM_LANE(pivot[2 * i + 1], l))) { return 1 + i + l * statuses; }
+            if (!(EOM_LANE(pivot[2 * i], l) > EOM_VANISHED * EOM_LANE(pivot[2 * i + 1], l))) {
+                return 1 + i + l * statuses;
+            }
         }
     }
     return 0;
@@ -195,16 +200,21 @@ EOM_LOCAL int eom_singular_lanes(int n, int statuses, const lanes *restrict pivo
 #elif EOM_LANES == 8
 #define EOM_EACH_LANE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #else
-#define EOM_EACH_LANE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) DO(8) DO(9) DO(10) DO(11) DO(12) DO(13) DO(14) DO(15)
+#define EOM_EACH_LANE(DO) \
+    DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) DO(8) DO(9) DO(10) DO(11) DO(12) DO(13) DO(14) DO(15)
 #endif
 
 #if EOM_VECTOR_BYTES && (EOM_LANES > 1) && defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
 #define EOM_HAS_TRANSPOSE
 
-/* A square of numbers, row k in xk, is transposed where it stands: blocks of 1, 2, 4 ... numbers swap across the diagonal.
- * LOW and HIGH: what two rows hold then, as places in both, one behind the other. */
-#define EOM_SWAP(a, b, size) { const lanes low = __builtin_shufflevector(x##a, x##b, EOM_LOW##size); x##b = __builtin_shufflevector(x##a, x##b, EOM_HIGH##size); x##a = low; }
+/* A square of numbers, row k in xk, is transposed where it stands: blocks of 1, 2, 4 ... numbers swap across the
+ * diagonal.  LOW and HIGH: what two rows hold then, as places in both, one behind the other. */
+#define EOM_SWAP(a, b, size) { \
+    const lanes low = __builtin_shufflevector(x##a, x##b, EOM_LOW##size); \
+    x##b = __builtin_shufflevector(x##a, x##b, EOM_HIGH##size); \
+    x##a = low; \
+}
 #if EOM_LANES == 2
 #define EOM_LOW1 0, 2
 #define EOM_HIGH1 1, 3
@@ -236,14 +246,18 @@ EOM_LOCAL int eom_singular_lanes(int n, int statuses, const lanes *restrict pivo
 #define EOM_LOW8 0, 1, 2, 3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 22, 23
 #define EOM_HIGH8 8, 9, 10, 11, 12, 13, 14, 15, 24, 25, 26, 27, 28, 29, 30, 31
 #define EOM_TRANSPOSE \
-    EOM_SWAP(0, 1, 1) EOM_SWAP(2, 3, 1) EOM_SWAP(4, 5, 1) EOM_SWAP(6, 7, 1) EOM_SWAP(8, 9, 1) EOM_SWAP(10, 11, 1) EOM_SWAP(12, 13, 1) EOM_SWAP(14, 15, 1) \
-    EOM_SWAP(0, 2, 2) EOM_SWAP(1, 3, 2) EOM_SWAP(4, 6, 2) EOM_SWAP(5, 7, 2) EOM_SWAP(8, 10, 2) EOM_SWAP(9, 11, 2) EOM_SWAP(12, 14, 2) EOM_SWAP(13, 15, 2) \
-    EOM_SWAP(0, 4, 4) EOM_SWAP(1, 5, 4) EOM_SWAP(2, 6, 4) EOM_SWAP(3, 7, 4) EOM_SWAP(8, 12, 4) EOM_SWAP(9, 13, 4) EOM_SWAP(10, 14, 4) EOM_SWAP(11, 15, 4) \
-    EOM_SWAP(0, 8, 8) EOM_SWAP(1, 9, 8) EOM_SWAP(2, 10, 8) EOM_SWAP(3, 11, 8) EOM_SWAP(4, 12, 8) EOM_SWAP(5, 13, 8) EOM_SWAP(6, 14, 8) EOM_SWAP(7, 15, 8)
+    EOM_SWAP(0, 1, 1) EOM_SWAP(2, 3, 1) EOM_SWAP(4, 5, 1) EOM_SWAP(6, 7, 1) \
+    EOM_SWAP(8, 9, 1) EOM_SWAP(10, 11, 1) EOM_SWAP(12, 13, 1) EOM_SWAP(14, 15, 1) \
+    EOM_SWAP(0, 2, 2) EOM_SWAP(1, 3, 2) EOM_SWAP(4, 6, 2) EOM_SWAP(5, 7, 2) \
+    EOM_SWAP(8, 10, 2) EOM_SWAP(9, 11, 2) EOM_SWAP(12, 14, 2) EOM_SWAP(13, 15, 2) \
+    EOM_SWAP(0, 4, 4) EOM_SWAP(1, 5, 4) EOM_SWAP(2, 6, 4) EOM_SWAP(3, 7, 4) \
+    EOM_SWAP(8, 12, 4) EOM_SWAP(9, 13, 4) EOM_SWAP(10, 14, 4) EOM_SWAP(11, 15, 4) \
+    EOM_SWAP(0, 8, 8) EOM_SWAP(1, 9, 8) EOM_SWAP(2, 10, 8) EOM_SWAP(3, 11, 8) \
+    EOM_SWAP(4, 12, 8) EOM_SWAP(5, 13, 8) EOM_SWAP(6, 14, 8) EOM_SWAP(7, 15, 8)
 #endif
 
-/* Read a square: EOM_LANES numbers of EOM_LANES states that lie step apart, a state in every lane of y.  With more, memory is asked for
- * what lies ahead: it comes while these are computed. */
+/* Read a square: EOM_LANES numbers of EOM_LANES states that lie step apart, a state in every lane of y.  With more,
+ * memory is asked for what lies ahead: it comes while these are computed. */
 EOM_INLINE void eom_transpose_in(const EOM_SCALAR *restrict x, size_t step, int more, lanes *restrict y)
 {
 #define EOM_READ(k) lanes x##k; (void)memcpy(&x##k, &x[k * step], sizeof x##k);
@@ -259,7 +273,8 @@ EOM_INLINE void eom_transpose_in(const EOM_SCALAR *restrict x, size_t step, int 
 }
 
 /* Write a square: number i of a state is x[place[i]], or x[i] without places. */
-EOM_INLINE void eom_transpose_out(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, EOM_SCALAR *restrict y)
+EOM_INLINE void eom_transpose_out(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more,
+        EOM_SCALAR *restrict y)
 {
 #define EOM_PREFETCH(k) __builtin_prefetch(&y[(EOM_PREFETCH_STATES + k) * step], 0, 2);
 #define EOM_TAKE(k) lanes x##k = x[(place != NULL) ? place[k] : k];
@@ -275,15 +290,16 @@ EOM_INLINE void eom_transpose_out(const lanes *restrict x, const unsigned short 
 #endif
 #endif
 
-/* Read size numbers of here states, at most EOM_LANES, that lie step apart; the last one fills the lanes that are left.  more: whether
- * there are states EOM_PREFETCH_STATES, which memory is asked for. */
+/* Read size numbers of here states, at most EOM_LANES, that lie step apart; the last one fills the lanes that are left.
+ * more: whether there are states EOM_PREFETCH_STATES, which memory is asked for. */
 EOM_LOCAL void eom_gather(const EOM_SCALAR *restrict x, size_t step, size_t here, int more, int size, lanes *restrict y)
 {
     (void)more;
 #if defined(EOM_HAS_TRANSPOSE)
     if ((size >= EOM_LANES) && (here == EOM_LANES)) {
         for (int i = 0; i < size; i += EOM_LANES) {
-            const int at = (i + EOM_LANES <= size) ? i : (size - EOM_LANES); /* the last square overlaps the one before */
+            /* the last square overlaps the one before */
+            const int at = (i + EOM_LANES <= size) ? i : (size - EOM_LANES);
             eom_transpose_in(&x[at], step, more && i % EOM_CACHE_LINE == 0, &y[at]);
         }
         return;
@@ -292,7 +308,10 @@ EOM_LOCAL void eom_gather(const EOM_SCALAR *restrict x, size_t step, size_t here
         for (int i = 0; i < size; i += EOM_LANES) {
             const int at = (i + EOM_LANES <= size) ? i : (size - EOM_LANES);
             EOM_SCALAR rows[EOM_LANES * EOM_LANES];
-            for (size_t l = 0; l < EOM_LANES; ++l) { (void)memcpy(&rows[l * EOM_LANES], &x[((l < here) ? l : (here - 1U)) * step + (size_t)at], sizeof(lanes)); }
+            for (size_t l = 0; l < EOM_LANES; ++l) {
+                (void)memcpy(&rows[l * EOM_LANES], &x[((l < here) ? l : (here - 1U)) * step + (size_t)at],
+                        sizeof(lanes));
+            }
             eom_transpose_in(rows, EOM_LANES, 0, &y[at]);
         }
         return;
@@ -305,17 +324,20 @@ EOM_LOCAL void eom_gather(const EOM_SCALAR *restrict x, size_t step, size_t here
 #undef EOM_ENTRY
 }
 
-/* Write size numbers of here states, at most EOM_LANES, that lie step apart: number i of a state is x[place[i]], or x[i] without
- * places. */
-EOM_INLINE void eom_scatter(const lanes *restrict x, const unsigned short *restrict place, size_t here, int more, int size, size_t step, EOM_SCALAR *restrict y)
+/* Write size numbers of here states, at most EOM_LANES, that lie step apart: number i of a state is x[place[i]], or
+ * x[i] without places. */
+EOM_INLINE void eom_scatter(const lanes *restrict x, const unsigned short *restrict place, size_t here, int more,
+        int size, size_t step, EOM_SCALAR *restrict y)
 {
     (void)more;
 #if defined(EOM_HAS_TRANSPOSE)
     if ((size >= EOM_LANES) && (here == EOM_LANES)) {
-        const int past = (place != NULL) ? (int)((size_t)y / sizeof *y % EOM_LANES) : 0; /* behind the last whole vector of memory */
+        /* behind the last whole vector of memory */
+        const int past = (place != NULL) ? (int)((size_t)y / sizeof *y % EOM_LANES) : 0;
         for (int i = 0; i < size; i += (i == 0) ? (EOM_LANES - past) : EOM_LANES) {
             const int at = (i + EOM_LANES <= size) ? i : (size - EOM_LANES);
-            eom_transpose_out((place != NULL) ? x : &x[at], (place != NULL) ? &place[at] : NULL, step, more && (i + past) % EOM_CACHE_LINE == 0, &y[at]);
+            eom_transpose_out((place != NULL) ? x : &x[at], (place != NULL) ? &place[at] : NULL, step, more
+                    && (i + past) % EOM_CACHE_LINE == 0, &y[at]);
         }
         return;
     }
@@ -324,7 +346,9 @@ EOM_INLINE void eom_scatter(const lanes *restrict x, const unsigned short *restr
             const int at = (i + EOM_LANES <= size) ? i : (size - EOM_LANES);
             EOM_SCALAR rows[EOM_LANES * EOM_LANES];
             eom_transpose_out((place != NULL) ? x : &x[at], (place != NULL) ? &place[at] : NULL, EOM_LANES, 0, rows);
-            for (size_t l = 0; l < here; ++l) { (void)memcpy(&y[l * step + (size_t)at], &rows[l * EOM_LANES], sizeof(lanes)); }
+            for (size_t l = 0; l < here; ++l) {
+                (void)memcpy(&y[l * step + (size_t)at], &rows[l * EOM_LANES], sizeof(lanes));
+            }
         }
         return;
     }

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.c.library import included_files
 from eomgen.codegen.c.names import entry_names
 from eomgen.pipeline.generating import package_options
 from eomgen.pipeline.stages import make_source
@@ -121,3 +122,11 @@ def test_names_follow_axes() -> None:
     assert entry_names("jacobian", (6, 2), meta)[7] == "angular x, j.y"
     assert entry_names("pose", (4, 4), meta)[6] == "1, 2"
     assert entry_names("unknown", (2,), meta) == ["0", "1"]
+
+
+def test_lines_of_a_package_have_at_most_120_columns() -> None:
+    """Those of C that a package has by default, with what it includes of the library."""
+    source = make_source("one_link", package_options("one_link"))
+    texts = {f"{source.name}.h": source.header, **source.codes, **included_files(*source.codes.values())}
+    assert "clib/integrate.c" in texts
+    assert [(place, line) for place, text in texts.items() for line in text.split("\n") if len(line) > 120] == []
