@@ -337,10 +337,12 @@ def test_levels_beyond_this_processor_are_compiled_and_not_tried(
 ) -> None:
     """Nor is what nobody tried taken from the cache by a processor that could."""
     monkeypatch.delenv(VARIABLE, raising=False)
-    steps: list[str] = []
+    begun, steps = list[tuple[float, str]](), list[str]()
     with monkeypatch.context() as patch:
         pretend(patch, "old")
-        package = generate("one_link", tmp_path, EVERY_LEVEL, progress=steps.append)
+        package = generate("one_link", tmp_path, EVERY_LEVEL, progress=lambda *stage: begun.append(stage))
+    fractions, steps[:] = zip(*begun, strict=True)
+    assert list(fractions) == [k / len(steps) for k in range(len(steps))]
     told = [step.partition(" of C")[2] for step in steps if step.startswith("compiling")]
     assert told == ["", *(f" for {level}, which this processor cannot try" for level in LEVELS[1:])]
     assert sorted(path.name for path in package.iterdir() if path.is_dir() and path.name[0] == "v") == ["v3", "v4"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from .shared.command import Command
 from .shared.numbers import whole
 from .shared.output import say, show_written
-from .shared.progress import stage_bar
+from .shared.progress import progress_bar, stage_bar
 from .shared.reading import add_robot, read_robot
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _generate(options: argparse.Namespace) -> None:
         )
     if note := check_module_name(robot.name):
         say(f"note: {note}", sys.stderr)
-    with stage_bar("generating") as report:
+    with progress_bar("generating") as report:
         if options.wheel:
             show_written([export_wheel(robot, options.output, chosen, progress=report)])
         else:

@@ -19,7 +19,7 @@ from eomgen.errors import InputError
 from eomgen.files import as_path, write_atomically
 from eomgen.pipeline.generating import generate
 from eomgen.pipeline.options import ALL, Options
-from eomgen.progress import StageReport, no_report, tells_at_prompt
+from eomgen.progress import Progress, no_progress, tells_at_prompt
 
 OLDEST = (1980, 1, 1, 0, 0, 0)  # the first time that an archive can hold: the same files make the same bytes
 C_LIBRARIES = {b"libc.so.6", b"libm.so.6", b"libpthread.so.0", b"ld-linux-x86-64.so.2", b"ld-linux-aarch64.so.1"}
@@ -28,7 +28,7 @@ NEEDS = ("cffi>=1.16", "numpy>=1.26")
 
 @tells_at_prompt("exporting")
 def export_wheel(
-    robot: RobotLike, folder: Path | str, options: Options | None = None, *, progress: StageReport = no_report
+    robot: RobotLike, folder: Path | str, options: Options | None = None, *, progress: Progress = no_progress
 ) -> Path:
     """Write a wheel of the robot's generated package into a folder, and return its path.
 
@@ -42,7 +42,7 @@ def export_wheel(
         robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the file is written, named by robot, version, Python and platform.
         options: as of ``generate``; not ``native``, since a wheel is for other machines.
-        progress: called with a line of text when a stage begins.
+        progress: as of ``eomgen.generate``.
 
     Raises:
         InputError: options ask for this processor alone, or the folder cannot be written.

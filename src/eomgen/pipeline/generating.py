@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import sys
@@ -17,7 +18,7 @@ from ..errors import EomgenWarning, InputError
 from ..files import as_path, check_ending, read_regular, write_atomically
 from ..identifiers import plain_path
 from ..names import show
-from ..progress import StageReport, no_report, tells_at_prompt
+from ..progress import Progress, no_progress, tells_at_prompt
 from ..robot.value import Robot
 from ..runtime.levels import best_level
 from . import cache as store
@@ -43,7 +44,7 @@ def generate(
     ros2: bool = False,
     report: Path | str | None = None,
     samples: int = 0,
-    progress: StageReport = no_report,
+    progress: Progress = no_progress,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
@@ -62,7 +63,7 @@ def generate(
             the closed form.
         samples: with the C99 program NAME_samples.c, which tests all functions in so many random states, up to
             MOST_SAMPLES; 0: without.
-        progress: called with a line of text when a stage begins.
+        progress: called with the share of stages that are done and a line of text when the next one begins.
 
     Raises:
         InputError: the target exists and is not a generated package, the folder cannot be written, the robot is named
@@ -124,7 +125,7 @@ def _write_package(target: Path, files: store.Files, options: Options, *, cmake:
         put_folder(private, target, lambda place: _check_target(place, target))
 
 
-def _files_of_levels(described: Described, progress: StageReport) -> store.Files:
+def _files_of_levels(described: Described, progress: Progress) -> store.Files:
     """Return files of a package, and the binaries of each further x86-64 level in a folder."""
     from ..codegen.package.compile import carried_contents, find_compiler
     from ..codegen.package.levels import check_possible, possible_levels
@@ -136,7 +137,12 @@ def _files_of_levels(described: Described, progress: StageReport) -> store.Files
         check_possible(level, possible)
     best = dict.fromkeys((possible[0], best_level(possible)))
     levels = ("",) if options.native else asked or tuple(best)
-    made = [make_package(described, tools_for(options, level), "", progress).files for level in levels]
+    begun = itertools.count()  # stages: the derivation, and each level
+
+    def report(text: str) -> None:
+        progress(next(begun) / (1 + len(levels)), text)
+
+    made = [make_package(described, tools_for(options, level), "", report).files for level in levels]
     codes = [data.decode("ascii") for file, data in made[0].items() if file.endswith((".c", ".h"))]
     collected = {**carried_contents(json.loads(made[0][f"{name}.json"]), *codes), **made[0]}
     for level, files in zip(levels[1:], made[1:], strict=True):
