@@ -53,7 +53,6 @@ CASES = (
 OPTIMISATION = ("-O0", "-O1", "-O2", "-O3")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
 FUSED = "-ffp-contract=fast"
-OPENCL = "OpenCL"
 NODE = """
 import { WASI } from "node:wasi";
 import { readFileSync } from "node:fs";
@@ -229,16 +228,11 @@ def on_threads(name: str, dtype: str, language: str, folder: Path) -> Cell:
     robot = eomgen.load_robot(name)
     names = ON_THREADS
     source = render_simt(build_model(robot), names, dtype)
-    if language == OPENCL:
-        module = simt.driver(source, folder)
-        run = module.opencl().run
-    else:
-        made = simt.Compiled(source, folder, language)
-        module, run = made.module, made.run
+    made = simt.Compiled(source, folder, language)
     kernel, different = simt.built(robot, names, dtype), {}
     for function in names:
-        arrays = simt.states(module, function)
-        answer, right = run(function, *arrays), simt.expected(kernel, function, arrays)
+        arrays = simt.states(made.meta, function)
+        answer, right = made.run(function, *arrays), simt.expected(kernel, function, arrays)
         if not simt.same_bits(answer, right):
             different[function] = largest(answer, right)
     return Cell(len(names), different)
@@ -261,7 +255,7 @@ def thread_rows(cases: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str, Ce
     """Yield the same of the text for accelerators, in its languages that run here, of robots without loops."""
     languages = {name: name.upper() for name in simt.LANGUAGES}
     if platforms := simt.opencl_platforms():
-        languages[OPENCL] = f"{OPENCL} by {platforms[0].name}"
+        languages["opencl"] = f"OpenCL by {platforms[0].name}"
     for language, (name, dtype) in product(languages, cases):
         if not eomgen.load_robot(name).loops:
             with tempfile.TemporaryDirectory() as folder:
@@ -308,7 +302,7 @@ def page(cases: Sequence[tuple[str, str]]) -> str:
     """Compare all builds of these robots in these precisions, and return the page."""
     chosen, absent = builds()
     if not simt.opencl_platforms():
-        absent.append(f"{OPENCL} (pyopencl and a driver)")
+        absent.append("OpenCL (pyopencl and a driver)")
     cells = {}
     for build, column, cell in chain(rows(cases, chosen), thread_rows(cases)):
         print(f"{build}: {column}: {cell}", file=sys.stderr, flush=True)

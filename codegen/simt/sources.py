@@ -1,4 +1,4 @@
-"""Model -> SimtSource: kernels of threads as one text, and what drivers have to know of them."""
+"""Model -> SimtSource: device source code of kernels, and the metadata that host programs read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from eomgen._version import __version__
 from eomgen.errors import InputError
@@ -19,10 +21,11 @@ from ..c.scalar_types import SCALARS, Scalar
 from ..c.source import environment
 from ..kernels.signatures import DTYPES
 from ..program.ir import Program
-from ..program.operations import OPERATIONS, Operation, Operations
+from ..program.operations import OPERATIONS, Operations
 from .kernels import CONTROLLED, ROLLOUTS, ThreadKernel, ThreadKernels, derive_kernels
 from .parts import Part, split_columns
 from .registers import PLACES, scheduled
+from .setup import setup_values
 from .statements import PIVOTS, STATUS, Writer
 
 TILE = 32  # states of a tile: threads that go together on most accelerators
@@ -48,21 +51,16 @@ TILES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 @dataclass(frozen=True)
 class SimtSource:
-    """Texts: ``code`` for compilers of accelerators, ``meta`` as JSON, ``driver`` of Python."""
+    """Device source ``code``, and its metadata ``meta`` as JSON."""
 
     name: str
     code: str
     meta: str
-    driver: str
 
     @property
     def files(self) -> dict[str, str]:
         """Texts by the names of their files."""
-        return {
-            f"{self.name}_simt.h": self.code,
-            f"{self.name}_simt.json": self.meta,
-            f"{self.name}_simt.py": self.driver,
-        }
+        return {f"{self.name}_simt.h": self.code, f"{self.name}_simt.json": self.meta}
 
 
 Plans = Sequence[tuple[ThreadKernel, tuple[Part, ...]]]
@@ -104,12 +102,10 @@ def render_simt(
     }
     described = [part for kernel, parts in plans for part in _kernel(model, kernel, parts, scalar)]
     context = _context(said, described, contract=contract)
-    templates = environment()
     return SimtSource(
         model.name,
-        templates.get_template("simt/kernels.h.jinja").render(context),
+        environment().get_template("simt/kernels.h.jinja").render(context),
         json.dumps({**said, "contract": contract, **_metadata(model, derived, plans, dtype)}, indent=1) + "\n",
-        templates.get_template("simt/driver.py.jinja").render(context),
     )
 
 
@@ -130,8 +126,6 @@ def _context(
         "contract": int(contract),
         "sines": sine_constants(dtype),
         "functions": device_functions(operations, scalar),
-        "python": {name: _python(operation) for name, operation in operations.items() if operation.arguments},
-        "arithmetic": [name for name, operation in operations.items() if operation.is_arithmetic],
         **{word: scalar.literal(number) for word, number in NUMBERS.items()},
         "vanished": scalar.literal(PIVOT_LIMITS[dtype]),
         "open": scalar.literal(OPEN_GAPS[dtype]),
@@ -141,16 +135,19 @@ def _context(
 
 
 def _metadata(model: Model, derived: ThreadKernels, plans: Plans, dtype: str) -> dict[str, Any]:
-    """Return what Python reads of the text, for JSON."""
+    """Return what host programs read of the device source, for JSON."""
+    setup, parameters = _setup(derived.setup), {key: float(value) for key, value in model.parameters.items()}
+    h = setup_values(setup, [*parameters.values(), *[0.0] * len(model.turning)], np.dtype(dtype))
     return {
         "generator": f"eomgen {__version__}",
         "coordinates": list(model.coordinates),
         "internal_states": list(model.internal_states),
         "links": list(model.links),
         "frames": list(model.frames),
-        "parameters": {key: float(value) for key, value in model.parameters.items()},
+        "parameters": parameters,
         "charts": len(model.turning),
-        "setup": _setup(derived.setup),
+        "setup": setup,
+        "h": h.tolist(),
         "status": {"pivots": PIVOTS, **STATUS},
         "farthest": COEFFICIENTS[dtype].farthest,
         "kernels": {kernel.name: _described(model, kernel, parts) for kernel, parts in plans},
@@ -196,7 +193,7 @@ def _kernel(model: Model, kernel: ThreadKernel, parts: Sequence[Part], scalar: S
 
 
 def _described(model: Model, kernel: ThreadKernel, parts: Sequence[Part]) -> dict[str, Any]:
-    """Describe a kernel for drivers: arguments in their order, shapes, and what the model of registers says."""
+    """Describe a kernel for host programs: arguments in their order, shapes, and what the model of registers says."""
     return {
         "functions": _functions(model, kernel, parts),
         "text": kernel.text,
@@ -226,11 +223,3 @@ def _setup(setup: Program) -> dict[str, Any]:
         for op, args, leaf in setup.instructions
     ]
     return {"values": values, "h": [setup.outputs["h", slot] for slot in range(len(setup.outputs))]}
-
-
-def _python(operation: Operation) -> str:
-    """Return a function of floats in Python, that of math where it is one."""
-    if getattr(operation.value, "__module__", "") == "math":
-        return f"math.{operation.value.__name__}"  # type: ignore[union-attr]  # which math has
-    names = ", ".join(operation.arguments)
-    return f"lambda {names}: {operation.form.format(*operation.arguments)}".replace("xp.", "np.")

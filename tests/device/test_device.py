@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.simt.setup import setup_values
 from eomgen.device import driver, nvrtc
 from eomgen.device.dlpack import CPU, CUDA, lent_count
 from eomgen.device.driver import Chosen, Driver
-from eomgen.device.texts import setup_of, text_of
+from eomgen.device.texts import text_of
 from eomgen.errors import ArrayError, BuildError, InputError, LoopError, SingularError
 from eomgen.optional import NotInstalledError
 from tests.device.fakes import COUNT, TILE, Lent, Lying, Stub, in_tiles, states
@@ -417,12 +418,13 @@ def test_robots_have_the_bits_of_their_kernels(built: Any, stub: Stub, name: str
 
 def test_setup_of_a_text_is_rounded_operation_by_operation(kernel: eomgen.Kernel) -> None:
     """The numbers of parameters alone are finite, and follow them."""
-    text, values = (
-        text_of(eomgen.load_robot("one_link"), "inverse_dynamics", "float64"),
-        list(kernel.parameters.values()),
+    meta, values = (
+        text_of(eomgen.load_robot("one_link"), "inverse_dynamics", "float64").meta,
+        kernel.parameters.values(),
     )
-    one = setup_of(text, values, kernel.dtype)
-    other = setup_of(text, [1.5 * x for x in values], kernel.dtype)
-    assert one.shape == other.shape == (len(text.meta["setup"]["h"]) or 1,)
+    one = setup_values(meta["setup"], list(values), kernel.dtype)
+    other = setup_values(meta["setup"], [1.5 * x for x in values], kernel.dtype)
+    assert one.tolist() == meta["h"]
+    assert one.shape == other.shape == (len(meta["setup"]["h"]) or 1,)
     assert np.isfinite(one).all()
     assert not np.array_equal(one, other)

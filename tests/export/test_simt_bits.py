@@ -71,7 +71,7 @@ def test_all_kernels_of_built_in_robots_have_the_bits_of_the_c(
 def test_internal_states_and_forces_beside_drives_are_arrays_of_their_own(tmp_path: Path, figures: Figures) -> None:
     kernels = ("forward_dynamics", "forward_dynamics_jacobian", "frame_jacobians", *HELD)
     subject = Subject(servo_arm(), "float64", tmp_path, kernels)
-    about = subject.made.module.META["kernels"]["rk4_rollout"]
+    about = subject.made.meta["kernels"]["rk4_rollout"]
     assert [*about["reads"]] == ["q", "v", "z", "u", "forces"]
     assert about["writes"] == {"q_out": [4], "v_out": [4], "z_out": [6]}
     check(subject, figures)

@@ -1,27 +1,28 @@
-"""Texts of threads run on the processor: compiled as C++ or C, or under OpenCL, beside the kernel's functions."""
+"""Device source run on the processor, compiled as C++ or C or by OpenCL, compared with the kernel's functions."""
 
 from __future__ import annotations
 
 import atexit
 import ctypes
+import json
 import math
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import eomgen
 from eomgen.codegen.simt.kernels import ROLLOUTS
 from eomgen.codegen.simt.sources import SimtSource
 from eomgen.kernel.complete import Kernel
 from tests.support.methods import method_of
-from tests.support.optional import module_of
 
 COUNT = 37  # states: a whole tile and a part of one
 STEP = 1e-6  # s, short enough for explicit steps of stiff robots
@@ -45,61 +46,101 @@ extern "C" void block(unsigned int number) { blockIdx.x = number; }
 """
 
 
-def driver(source: SimtSource, folder: Path) -> Any:
-    """Write the texts, and import the module that runs them."""
-    for name, text in source.files.items():
-        (folder / name).write_text(text, encoding="ascii")
-    return module_of(folder / f"{source.name}_simt.py")
+def compiled(source: SimtSource, folder: Path, language: str) -> Callable[..., None]:
+    """Compile the text, and return what launches a function of it: its name, how many threads, and its arguments."""
+    header, path = folder / f"{source.name}_simt.h", folder / f"{language}.so"
+    header.write_text(source.code, encoding="ascii")
+    (folder / "threads.h").write_text(THREADS, encoding="ascii")
+    compiler, *chosen = {**LANGUAGES, **FUSED}[language]
+    subprocess.run([compiler, *FLAGS, *chosen, f"-I{folder}", str(header), "-o", str(path), "-lm"], check=True)
+    library = ctypes.CDLL(str(path))
+
+    def launch(function: str, threads: int, *arguments: Any) -> None:
+        """Call a function once, whose loop goes over states, or as threads of HIP one by one."""
+        given = [
+            x.ctypes.data_as(ctypes.c_void_p) if x.ndim else np.ctypeslib.as_ctypes_type(x.dtype)(x) for x in arguments
+        ]
+        for thread in range(threads if hasattr(library, "block") else 1):
+            if hasattr(library, "block"):
+                library.block(ctypes.c_uint(thread))
+            getattr(library, function)(*given)
+
+    return launch
+
+
+def under_opencl(source: SimtSource) -> Callable[..., None]:
+    """Return the same of the first device of OpenCL; the test is skipped without one."""
+    if not opencl_platforms():
+        pytest.skip("no runtime of OpenCL, or no pyopencl")
+    import pyopencl as cl
+
+    meta, context = json.loads(source.meta), cl.create_some_context(interactive=False)
+    queue, flags = cl.CommandQueue(context), cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+    rounded = ["-cl-fp32-correctly-rounded-divide-sqrt"] if meta["dtype"] == "float32" else []
+    program = cl.Program(context, source.code).build(["-cl-std=CL1.2", meta["flags"]["opencl"], *rounded])
+
+    def launch(function: str, threads: int, *arguments: Any) -> None:
+        given = [cl.Buffer(context, flags, hostbuf=x) if x.ndim else x for x in arguments]
+        kernel = cl.Kernel(program, function)
+        kernel.set_args(*given)
+        cl.enqueue_nd_range_kernel(queue, kernel, (threads,), None)
+        for x, buffer in zip(arguments, given, strict=True):
+            if x.ndim:
+                cl.enqueue_copy(queue, x, buffer)
+        queue.finish()
+
+    return launch
 
 
 class Compiled:
-    """Kernels of the text as functions of this process, called like those of ``OpenCL``."""
+    """Kernels of the text, compiled in a language, at the described parameters.
+
+    ``launch`` calls a function of the text; ``status`` keeps what ``run`` has last found.
+    """
 
     def __init__(self, source: SimtSource, folder: Path, language: str = "c++") -> None:
-        self.module, library = driver(source, folder), folder / f"{language}.so"
-        (folder / "threads.h").write_text(THREADS, encoding="ascii")
-        compiler, *chosen = {**LANGUAGES, **FUSED}[language]
-        command = [compiler, *FLAGS, *chosen, f"-I{folder}", str(folder / f"{source.name}_simt.h")]
-        subprocess.run([*command, "-o", str(library), "-lm"], check=True)
-        self.library, self.h = ctypes.CDLL(str(library)), self.module.setup()
-        self.status = np.zeros(0, np.int32)
+        self.meta = json.loads(source.meta)
+        self.dtype, self.tile = np.dtype(self.meta["dtype"]), self.meta["tile"]
+        self.h, self.status = np.array(self.meta["h"], self.dtype), np.zeros(0, np.int32)
+        self.launch = under_opencl(source) if language == "opencl" else compiled(source, folder, language)
 
     def run(self, name: str, *arrays: Any, **scalars: float) -> Any:
-        """Return results of states, (count, ...), several as a tuple; ``status`` keeps the statuses."""
-        module, read = self.module, self.module.checked(name, arrays)
-        kernel, count = module.META["kernels"][name], read[0].shape[0]
-        real = ctypes.c_double if np.float64 == module.REAL else ctypes.c_float
-        numbers = [ctypes.c_int(x) if x.dtype == np.int32 else real(x) for x in module.checked_scalars(name, scalars)]
-        tiles, shapes = [module.to_tiles(x) for x in read], list(kernel["writes"].values())
-        made = [np.full((len(tiles[0]), math.prod(shape), module.TILE), np.nan, module.REAL) for shape in shapes]
+        """Return results of states, (count, ...), several as a tuple."""
+        kernel, count = self.meta["kernels"][name], len(arrays[0])
+        types, shapes = {"int": np.int32, "real": self.dtype.type}, list(kernel["writes"].values())
+        numbers = [types[kind](scalars[key]) for key, kind in kernel["scalars"].items()]
+        read = [self.to_tiles(x) for x in arrays]
+        made = [np.full((len(read[0]), math.prod(shape), self.tile), np.nan, self.dtype) for shape in shapes]
         self.status = np.full(count, -1, np.int32)
-        h, *pointers = [x.ctypes.data_as(ctypes.c_void_p) for x in (self.h, *tiles, *made, self.status)]
         for function in kernel["functions"]:
-            self._launch(function, count, ctypes.c_ulonglong(count), h, *numbers, *pointers)
-        results = [module.from_tiles(x, count).reshape(count, *shape) for x, shape in zip(made, shapes, strict=True)]
+            arguments = (np.uint64(count), self.h, *numbers, *read, *made, self.status)
+            self.launch(function, len(read[0]) * self.tile, *arguments)
+        results = [self.from_tiles(x, count).reshape(count, *shape) for x, shape in zip(made, shapes, strict=True)]
         return results[0] if len(results) == 1 else tuple(results)
 
-    def _launch(self, function: str, count: int, *arguments: Any) -> None:
-        """Call a function once, whose loop goes over states, or as threads of HIP one by one."""
-        if not hasattr(self.library, "block"):
-            getattr(self.library, function)(*arguments)
-            return
-        for thread in range(-(-count // self.module.TILE) * self.module.TILE):
-            self.library.block(ctypes.c_uint(thread))
-            getattr(self.library, function)(*arguments)
+    def to_tiles(self, x: Any) -> Any:
+        """Return an array of states, (count, ...), as tiles (ceil(count / tile), size, tile), padded with 0."""
+        rows = x.reshape(len(x), -1)
+        tiles = np.zeros((-(-len(x) // self.tile), self.tile, rows.shape[1]), self.dtype)
+        tiles.reshape(-1, rows.shape[1])[: len(x)] = rows
+        return np.ascontiguousarray(tiles.swapaxes(1, 2))
+
+    def from_tiles(self, tiles: Any, count: int) -> Any:
+        """Return so many states, (count, size), of tiles."""
+        return np.ascontiguousarray(tiles.swapaxes(1, 2).reshape(-1, tiles.shape[1])[:count])
 
 
-def states(module: Any, name: str, seed: int = 0, count: int = COUNT, size: float = 0.3) -> list[Any]:
+def states(meta: Mapping[str, Any], name: str, seed: int = 0, count: int = COUNT, size: float = 0.3) -> list[Any]:
     """Return random arrays that a kernel reads."""
-    rng, reads = np.random.default_rng(seed), module.META["kernels"][name]["reads"]
+    rng, reads = np.random.default_rng(seed), meta["kernels"][name]["reads"]
     gains = {"kp": (0.0, 1e2), "kd": (0.0, 1.0)}  # explicit steps of the lightest links stand them
     ranges = [(gains.get(array, (-size, size)), shape) for array, shape in reads.items()]
-    return [rng.uniform(*ends, (count, *shape)).astype(module.REAL) for ends, shape in ranges]
+    return [rng.uniform(*ends, (count, *shape)).astype(meta["dtype"]) for ends, shape in ranges]
 
 
-def scalars(module: Any, name: str) -> dict[str, float]:
+def scalars(meta: Mapping[str, Any], name: str) -> dict[str, float]:
     """Return numbers of steps for a kernel that takes some."""
-    return {"step": STEP, "steps": 3} if module.META["kernels"][name]["scalars"] else {}
+    return {"step": STEP, "steps": 3} if meta["kernels"][name]["scalars"] else {}
 
 
 def expected(kernel: Kernel, name: str, arrays: Sequence[Any]) -> Any:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,6 @@ MOST = 20_000  # numbers of a state that a kernel may write; of Christoffel symb
 CLOSE = {"float64": 1e-13, "float32": 1e-5}  # by the largest number of a result
 HELD = tuple(name for name in ROLLOUTS if name not in CONTROLLED)  # under held drives; others have tests of their own
 ALL = ("c++", "opencl")
-RUNS = {"c++": "_compiled", "opencl": "_under_opencl", "cuda": "_on_cuda"}  # what runs a language
 Array = NDArray[Any]
 
 
@@ -106,7 +106,7 @@ class Subject:
     ) -> None:
         self.robot, self.model = robot, build_model(robot)
         self.names = tuple(kernels) or chosen_kernels(self.model)
-        self.source = render_simt(self.model, self.names, dtype)
+        self.source, self.folder = render_simt(self.model, self.names, dtype), folder
         self.made = simt.Compiled(self.source, folder)
         own = (*self.names, *CLOSING) if self.model.constraints else self.names
         self.kernel = simt.built(robot, own, dtype)
@@ -116,12 +116,8 @@ class Subject:
 
     def arrays(self, name: str) -> list[Array]:
         """Return what a kernel reads of the states; what they do not have is drawn."""
-        meta, module = self.made.module.META["kernels"][name], self.made.module
-        drawn = simt.states(module, name, seed=len(name))
-        made = {
-            label: np.array(self.states.get(label, x), module.REAL)
-            for label, x in zip(meta["reads"], drawn, strict=True)
-        }
+        reads, drawn = self.made.meta["kernels"][name]["reads"], simt.states(self.made.meta, name, seed=len(name))
+        made = {label: np.array(self.states.get(label, x), x.dtype) for label, x in zip(reads, drawn, strict=True)}
         if name in ROLLOUTS and "forces" in made:
             made["forces"][:] = 0.0  # as in rollouts of kernels
         return list(made.values())
@@ -129,10 +125,10 @@ class Subject:
     def answers(self, languages: Sequence[str] = ALL) -> Iterator[Answer]:
         """Run all kernels in these languages beside the C."""
         for name in self.names:
-            arrays, numbers = self.arrays(name), simt.scalars(self.made.module, name)
+            arrays, numbers = self.arrays(name), simt.scalars(self.made.meta, name)
             wanted, failed = expected(self.kernel, name, arrays)
             for language in languages:
-                found, status = getattr(self, RUNS[language])(name, arrays, numbers)
+                found, status = self._run(language, name, arrays, numbers)
                 yield Answer(
                     name,
                     language,
@@ -142,18 +138,18 @@ class Subject:
                     int(failed.sum()),
                 )
 
-    def _compiled(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
-        return self.made.run(name, *arrays, **numbers), self.made.status
+    @cached_property
+    def opencl(self) -> simt.Compiled:
+        """Kernels of the text by OpenCL; compiled when they are asked for."""
+        return simt.Compiled(self.source, self.folder, "opencl")
 
-    def _under_opencl(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
-        said: list[Array] = []
-        module = self.made.module
-        kept, module.check_status = module.check_status, said.append
-        try:
-            found = self.device.run(name, *arrays, **numbers)
-        finally:
-            module.check_status = kept
-        return found, said[0]
+    def _run(
+        self, language: str, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]
+    ) -> tuple[Any, Array]:
+        if language == "cuda":
+            return self._on_cuda(name, arrays, numbers)
+        made = self.opencl if language == "opencl" else self.made
+        return made.run(name, *arrays, **numbers), made.status
 
     def _on_cuda(self, name: str, arrays: Sequence[Array], numbers: Mapping[str, float]) -> tuple[Any, Array]:
         """Run a method of the kernel's device, whose checks say of states one by one whether they are well."""
@@ -169,13 +165,6 @@ class Subject:
             except (ArrayError, LoopError, SingularError) as error:
                 status[k] = "out of numbers that are finite" not in str(error)  # which C says by no status
         return found, status
-
-    @property
-    def device(self) -> Any:
-        """Return the kernels on the first device of OpenCL; compiled when they are asked for."""
-        if "_device" not in vars(self):
-            self._device = self.made.module.opencl()
-        return self._device
 
 
 def _states(subject: Subject, near: Near | None) -> dict[str, Array]:

@@ -18,7 +18,7 @@ from .arguments import named_arrays, named_outs, number_of, shown_shape
 from .calls import Loaded, Taken
 from .cuda import Cuda, DeviceArray, Functions, Launch
 from .foreign import IMMUTABLE, View, library_of
-from .texts import FunctionText, setup_of, text_of
+from .texts import FunctionText, text_of
 
 ALLOWED = '"cuda", with a number such as "cuda:1"'
 WELL = 0xFFFFFFFF  # where no state is named
@@ -306,10 +306,13 @@ class Device:
 
     def _h(self, loaded: Loaded, stream: int) -> DeviceArray:
         """Return the numbers h that belong to the kernel's parameters now."""
+        from ..codegen.simt.setup import setup_values
+
         setup = self._kernel.parameters.setup
         if loaded.h is None or loaded.setup is not setup:
-            values = self._kernel.parameters.state.values
-            loaded.h = self.cuda.put(setup_of(loaded.text, list(values), self._kernel.dtype), stream)
+            values = list(self._kernel.parameters.state.values)
+            h = setup_values(loaded.text.meta["setup"], values, self._kernel.dtype)
+            loaded.h = self.cuda.put(h, stream)
             loaded.setup = setup
         return loaded.h
 

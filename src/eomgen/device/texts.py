@@ -1,17 +1,14 @@
-"""Function of a robot -> its text for accelerators, what is to be known of it, and the numbers h that it reads."""
+"""Function of a robot -> its text for accelerators, and what is to be known of it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from .._version import __version__
 from ..pipeline import cache as store
@@ -22,7 +19,6 @@ from ..robot.value import Robot
 
 KIND = "devices"  # of entries of the cache: texts, and what compilers of devices make of them
 CODE, META = "text.h", "text.json"
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -100,28 +96,3 @@ def _rendered(robot: Robot, name: str, dtype: str) -> tuple[str, str]:
     template = environment().get_template("simt/watch.h.jinja")
     beside = template.render(name=source.name, reads=reads, writes=writes, arrays={**reads, **writes})
     return f"{source.code}\n{beside}", source.meta
-
-
-def setup_of(text: FunctionText, parameters: Sequence[Any], dtype: np.dtype[Any]) -> Array:
-    """Return the numbers h of a function, each operation rounded once; one 0 where it reads none.
-
-    Args:
-        parameters: values in their order, then 1 for each joint with 3-DOF rotation that is turned, else 0.
-    """
-    from ..codegen.program.operations import OPERATIONS
-
-    computed: list[Any] = []
-    with np.errstate(all="ignore"):
-        for op, *args in text.meta["setup"]["values"]:
-            if op in ("p", "const"):
-                computed.append(dtype.type(parameters[args[0]] if op == "p" else args[0]))
-                continue
-            numbers = [computed[place] for place in args]
-            operation = OPERATIONS[op]
-            if operation.is_arithmetic:  # which NumPy's numbers round as devices do
-                assert operation.value is not None
-                computed.append(operation.value(*numbers))
-            else:
-                found = operation.compute(*map(float, numbers))
-                computed.append(dtype.type(math.nan if found is None else found))
-    return np.array([computed[place] for place in text.meta["setup"]["h"]] or [0.0], dtype)

@@ -24,10 +24,10 @@ def export_simt(
     contract: bool = False,
     progress: StageReport = no_report,
 ) -> list[Path]:
-    """Write NAME_simt.h, NAME_simt.json and NAME_simt.py, and return their paths.
+    """Write NAME_simt.h and NAME_simt.json, and return their paths.
 
     The first has a kernel per function, in which one thread computes one state, for compilers of CUDA, HIP, OpenCL C,
-    C99 and C++; the second says what each reads and writes; the third runs them by pyopencl.
+    C99 and C++; the second lists the arguments of each, and the array h that all read.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
