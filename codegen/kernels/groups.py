@@ -75,6 +75,7 @@ FILTERED_ACCELERATIONS_BY_PARAMETERS = ("forward_dynamics_parameter_tangent",)
 FILTERED_SENSORS = ("measurement_tangent", "measurement_parameter_tangent")
 FILTERED_SENSORS_IN_C = ("measurement_parameter_tangent",)
 # pages and exports
+CARRIED_STEPS = ("rollout",)  # which generated packages take by modules of their own
 PAGE_ABOUT_A_STATE = ("residual", "mass_matrix", "reactions", "external_reactions", "external_force")
 LIVE_PAGE = ("adaptive_rollout", "inverse_dynamics", "energy", "kinematics", "external_force")
 FMU = (

@@ -33,6 +33,7 @@ from eomgen.runtime.levels import BASE
 
 from ..c.library import LINKED, SETUP_ONLY, included_files, library_files
 from ..c.source import Source, environment
+from ..kernels.groups import CARRIED_STEPS
 from ..kernels.signatures import SINGLES
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
@@ -50,9 +51,9 @@ CARRIED_WITH = {
     "runtime/flexible_links.py": ("flexible_links",),
     "runtime/internal_states.py": ("internal_states",),
     "runtime/loop_errors.py": ("constraints",),
-    "runtime/many_steps.py": ("rollout",),
+    "runtime/many_steps.py": CARRIED_STEPS,
     "runtime/parameter_conditions.py": ("matrices", "conditions"),
-    "runtime/rollouts.py": ("rollout",),
+    "runtime/rollouts.py": CARRIED_STEPS,
 }
 PACKAGE = "package/package.py.jinja"  # template of the Python of a package
 _LIBRARY = Path(__file__).with_name("library.py")  # how the objects are compiled that a package is linked with

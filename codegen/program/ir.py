@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .named import named
+from .named import to_float
 from .operations import ANGULAR, OPERATIONS, Operations
 
 Array = NDArray[Any]
@@ -104,7 +104,7 @@ class Graph:
 
     def constant(self, number: float) -> Node:
         """Return the number as a node (arithmetic takes plain floats just as well)."""
-        return self._node("const", (), named(number) + 0.0)
+        return self._node("const", (), to_float(number) + 0.0)
 
     def insert(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         """Copy a value from another program as it is, without folding."""
@@ -130,7 +130,7 @@ class Graph:
         folded: Value | None = None if operation.fold is None else operation.fold(self, *args)
         if folded is not None:
             return folded
-        numbers = [self.number(x) if isinstance(x, Node) else named(x) for x in args]
+        numbers = [self.number(x) if isinstance(x, Node) else to_float(x) for x in args]
         known = [x for x in numbers if x is not None]
         value = operation.compute(*known) if len(known) == len(args) else None
         if value is not None:
@@ -298,7 +298,7 @@ class Graph:
     def number(self, x: Node) -> float | None:
         """Return the number of a constant node, or None."""
         op, _, leaf = self.instructions[x.index]
-        return named(leaf) if op == "const" else None
+        return to_float(leaf) if op == "const" else None
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)

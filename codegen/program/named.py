@@ -13,6 +13,6 @@ class Named(float):
     __slots__ = ("term",)
 
 
-def named(number: float) -> float:
+def to_float(number: float) -> float:
     """Return a number as a float; one with a name keeps it."""
     return number if isinstance(number, Named) else float(number)

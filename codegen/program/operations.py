@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import series
-from .named import named
+from .named import to_float
 
 Rate = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Any]
 Taylor = Callable[[Any, Sequence[series.Series], series.Series, int], Any]
@@ -80,7 +80,7 @@ class Operation:
         """Return the value at these numbers; None where it is not defined or no float."""
         assert self.value is not None
         try:
-            return named(self.value(*numbers))
+            return to_float(self.value(*numbers))
         except (ArithmeticError, ValueError):
             return None
 

@@ -221,8 +221,8 @@ def _share(share: float, place: int, of: str) -> float:
     """Return about a share or the negative of it, another number at every place."""
     size = share * (0.9 + 0.2 * ((0.618 * place) % 1.0))
     sign = -1.0 if place % 2 else 1.0
-    share: float = sign * Traced(size, f"round-off of {of} {place + 1} of loops, as a share of its terms")
-    return share
+    traced: float = sign * Traced(size, f"round-off of {of} {place + 1} of loops, as a share of its terms")
+    return traced
 
 
 def _squares(values: Iterable[Scalar]) -> Scalar:
