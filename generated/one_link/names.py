@@ -69,14 +69,6 @@ def split_component(name: str) -> tuple[str, str]:
     return owner, component
 
 
-def split_state(name: str) -> tuple[str, str, str]:
-    """Return owner, law and state of the name of an internal state: "j1.x", "maxwell", "0.z" of "j1.x.maxwell.0.z"."""
-    *words, state = name.split(".")
-    if words[-1].isdigit():  # of a branch
-        state = f"{words.pop()}.{state}"
-    return ".".join(words[:-1]), words[-1], state
-
-
 def joint_of(coordinate: str) -> str:
     """Return the joint's name in a coordinate's: ``joint1`` of ``joint1.x``."""
     return split_component(coordinate)[0]

@@ -19,7 +19,6 @@ from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, exponents, unit_name
 from eomgen.forms.keys import Either
 from eomgen.forms.tables import Few, Sub
-from eomgen.names import split_state
 from eomgen.robot.elements import Spring
 from eomgen.robot.internal_states.branches import BRANCHES, branch_conflict
 from eomgen.robot.internal_states.bristles import bristle_conflict
@@ -29,7 +28,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.parameter_names import least_of, number_of
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
-from eomgen.runtime.internal_states import BOUNDS
+from eomgen.runtime.internal_states import BOUNDS, split_state
 from tests.oracles.force_laws import KINDS, random_coordinate, with_laws
 from tests.support.bristles import servo_arm, stateful_arm, stateful_linkage
 from tests.support.random_robots import random_robot

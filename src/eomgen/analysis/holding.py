@@ -12,12 +12,13 @@ from ..errors import ArrayError, InputError, UnknownNameError
 from ..kernel.by_name import follower_matrix
 from ..kernel.complete import Kernel
 from ..motion.ends import default_motion
-from ..names import joint_of, show, split_state
+from ..names import joint_of, show
 from ..robot.internal_states.branches import BRANCHES
 from ..robot.internal_states.drives import DRIVE
 from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model, rigid_coordinates
 from ..robot.value import Robot
+from ..runtime.internal_states import split_state
 from ..state.elements import cut_matrices, joint_stiffness
 from ..state.internal_states import StatesLike, kept_note, state_values
 from ..state.journals import cut_contacts, cut_deviations, journal_contacts

@@ -20,7 +20,8 @@ import numpy as np
 from ..arrays import RANK, Array, Index, Mask, independent_columns, rank_by
 from ..errors import InputError, SingularError
 from ..kernel.complete import Kernel
-from ..names import joint_of, split_state
+from ..names import joint_of
+from ..runtime.internal_states import split_state
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
 from ..state.drives import is_of_drive, stores_energy

@@ -16,10 +16,11 @@ from ..arrays import Array, Mask
 from ..errors import InputError
 from ..kernel.complete import Kernel
 from ..motion.files import MeasuredMotion
-from ..names import joint_of, listed, nearest, show, split_state
+from ..names import joint_of, listed, nearest, show
 from ..robot.coordinates import is_mode
 from ..robot.model import Model, build_model
 from ..robot.value import Robot
+from ..runtime.internal_states import split_state
 
 OFF = 0.05  # of the rms of a coordinate: by so much measured ones contradict a coupling
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ArrayError, IntegrationStopped
-from ..names import split_state
 from .arrays import joint_lead
 from .calls import Calls
 from .raw import Array
@@ -21,6 +20,14 @@ from .rollouts import Control, Inputs, Rollout
 
 MARGIN = 1.1  # of the bounds of internal states, which errors of good steps do not reach
 METHODS = "method='rosenbrock' or 'radau', or a shorter step"
+
+
+def split_state(name: str) -> tuple[str, str, str]:
+    """Return owner, law and state of the name of an internal state: "j1.x", "maxwell", "0.z" of "j1.x.maxwell.0.z"."""
+    *words, state = name.split(".")
+    if words[-1].isdigit():  # of a branch
+        state = f"{words.pop()}.{state}"
+    return ".".join(words[:-1]), words[-1], state
 
 
 def cut_apart(rates: Array, coordinates: int) -> tuple[Array, Array]:

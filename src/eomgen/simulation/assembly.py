@@ -36,7 +36,7 @@ from ..kernel.stepping.saturation import efforts_of
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
-from ..names import DriveInput, joint_of, listed, nearest, split_state
+from ..names import DriveInput, joint_of, listed, nearest
 from ..pipeline.ahead import Ahead, build_function
 from ..pipeline.building import build, build_groups
 from ..pipeline.mechanisms import mechanism_kernels
@@ -47,6 +47,7 @@ from ..robot.mechanism import coordinate_of, drive_of, following_text, leading_c
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
 from ..robot.value import Robot
+from ..runtime.internal_states import split_state
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from ..state.springs import any_spring

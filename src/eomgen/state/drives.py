@@ -13,12 +13,11 @@ from ..errors import IntegrationError
 from ..identifiers import check_kind
 from ..kernel.complete import Kernel
 from ..kernel.kernel_methods import KernelFunctions
-from ..names import split_state
 from ..robot.coordinates import force_unit_of
 from ..robot.internal_states.drives import DRIVE, STATES
 from ..robot.internal_states.standstill import standstill_of
 from ..robot.parameter_names import JOINTS
-from ..runtime.internal_states import cut_apart
+from ..runtime.internal_states import cut_apart, split_state
 from ..runtime.raw import name_of
 from .elements import element_numbers
 from .vectors import state_vector

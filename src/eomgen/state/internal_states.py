@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..errors import InputError, UnknownNameError
 from ..kernel.complete import Kernel
-from ..names import listed, nearest_or_all, show, split_state
+from ..names import listed, nearest_or_all, show
 from ..robot.internal_states.branches import BRANCHES
-from ..runtime.internal_states import cut_apart
+from ..runtime.internal_states import cut_apart, split_state
 from ..shown import Shown
 from .drives import drive_slopes, has_drives
 from .vectors import state_vector
