@@ -178,7 +178,7 @@ class ContactWatch:
 
     def gaps(self, y: Array) -> Array:
         """Return penetrations of each end, m or rad, below 0 inside; y = (q, v, z), (size,) or (N, size)."""
-        q, v, _ = np.split(y, [self._n, 2 * self._n], axis=-1)
+        q, v = y[..., : self._n], y[..., self._n : 2 * self._n]
         distances = [group.gaps(q, v) for group in self._groups]
         return np.concatenate(distances, axis=-1) if distances else np.zeros((*y.shape[:-1], 0))
 

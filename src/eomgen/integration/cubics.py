@@ -51,11 +51,15 @@ def _is_turned(places: tuple[int, int], y0: Array, y1: Array, n: int) -> bool:
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array, n: int, rates: Array | None = None) -> Array:
     """Interpolate the state (q, v, z) at t on the cubic through q and v at both ends, (n,) each, z as ``Cubics``."""
-    h, (q0, v0, z0), (q1, v1, z1) = t1 - t0, np.split(y0, [n, 2 * n]), np.split(y1, [n, 2 * n])
+    h = t1 - t0
+    (q0, v0, z0), (q1, v1, z1) = ((y[:n], y[n : 2 * n], y[2 * n :]) for y in (y0, y1))
     x = (t - t0) / h
     d = q1 - q0
     a = h * (v0 + v1) - 2.0 * d
     b = 3.0 * d - h * (2.0 * v0 + v1)
     q = q0 + x * (h * v0 + x * (b + x * a))
+    v = v0 + x * (2.0 * b + 3.0 * x * a) / h
+    if not z0.size:
+        return np.concatenate([q, v])
     bend = 0.0 if rates is None else x * (x - 1.0) * (z1 - z0 - h * rates)
-    return np.concatenate([q, v0 + x * (2.0 * b + 3.0 * x * a) / h, z0 + x * (z1 - z0) + bend])
+    return np.concatenate([q, v, z0 + x * (z1 - z0) + bend])

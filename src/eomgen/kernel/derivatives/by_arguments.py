@@ -15,6 +15,7 @@ from ...names import nearest_or_all, show
 from ...runtime.bound import frame_number
 from ...runtime.calls import Calls
 from ...runtime.raw import Array, Method, name_of
+from ..declared_methods import kernel_method
 from ..functions import KernelWithMethods
 from ..slots import parameter_slots
 
@@ -204,10 +205,12 @@ class Differentiation(KernelWithMethods):
         """
         lead = () if u is None else self.calls.array("u", u, (self.n,))[1]
         if not lead or lead == np.shape(q)[:-1]:
-            return _three(*self._bound[name_of(self.residual_jacobian)](q, v, a, z, out))
+            by_q, by_v, by_a = self._bound.residual_jacobian(q, v, a, z, out)
+            return by_q, by_v, by_a
         return _three(*np.moveaxis(self.calls.run(self.residual_jacobian, out, (q, v, a), lead=lead, z=z), -3, 0))
 
-    def forward_dynamics_jacobian(
+    @kernel_method()
+    def forward_dynamics_jacobian(  # type: ignore[empty-body]
         self,
         q: ArrayLike,
         v: ArrayLike,
@@ -234,7 +237,6 @@ class Differentiation(KernelWithMethods):
         Raises:
             SingularError, LoopError: as of ``forward_dynamics``.
         """
-        return _three(*self._bound[name_of(self.forward_dynamics_jacobian)](q, v, u, z, cut, out))
 
     def jvp(
         self,
