@@ -37,7 +37,7 @@ HERE = Path(__file__).parent
 EXAMPLE = Path(__file__).parents[2] / "examples" / "pendulum.c"
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 COMPILERS = ("gcc", "clang", "zig")  # the last one is clang, too
-KNOWN = tuple(f"-DEOM_{x}" for x in ("POSITIONS=3", "RATES=4", "INPUTS=3", "M=0", "ROTATIONS=0"))
+KNOWN = tuple(f"-DEOM_{x}" for x in ("POSITIONS=3", "RATES=4", "INPUTS=3", "M=0", "ROTATIONS=0", "RADAU=1"))
 OPTIONS: tuple[tuple[str, ...], ...] = ((), ("-DEOM_SINGLE",), KNOWN)
 WIDTHS = {"-DEOM_VECTOR_BYTES=0": 1, "-mno-avx": 2, "-mavx2": 4, "-mavx512f": 8}
 METHODS = ("rk4", "implicit", "rosenbrock", "tsit5", "radau")

@@ -51,7 +51,7 @@ def test_the_same_robot_makes_the_same_whole_wheel(tmp_path: Path) -> None:
         assert urlsafe_b64decode(digest.removeprefix("sha256=") + "=") == hashlib.sha256(files[path]).digest()
         assert int(size) == len(files[path])
     assert f"Tag: {'-'.join(tag)}" in files[f"{info}/WHEEL"].decode().splitlines()
-    assert {"one_link/__init__.py", "one_link/one_link.json", "one_link/runtime/package_kernel.py"} <= set(files)
+    assert {"one_link/__init__.py", "one_link/one_link.json", "one_link/runtime/compiled_kernel.py"} <= set(files)
 
 
 def test_another_content_has_another_version(tmp_path: Path) -> None:

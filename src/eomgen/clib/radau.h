@@ -150,6 +150,7 @@ EOM_LOCAL void EOM_F(carry_radau)(const EOM_F(problem) *restrict problem, int ke
 {
     const int nx = EOM_STATE_OF(problem->motion.robot->sizes);
     const int held = nx + 2 * EOM_INPUTS_OF(problem->motion.robot->sizes);
+    (void)problem; /* where sizes are constants */
     double *const number[6] = { &radau->factored[l], &radau->last[l], &radau->excess[l], &radau->slowness[l], &radau->evaluations[l], &radau->eliminations[l] };
     for (int i = 0; i < 6; ++i) {
         if (keep != 0) { kept[i] = *number[i]; } else { *number[i] = kept[i]; }
