@@ -27,6 +27,7 @@ def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """With ``-m quick``, import those test modules alone that have such tests."""
-    if "quick" not in config.option.markexpr.split() or not collection_path.match("test_*.py"):
+    asked = config.option.markexpr
+    if "quick" not in asked.split() or "not quick" in asked or not collection_path.match("test_*.py"):
         return None
     return "pytest.mark.quick" not in collection_path.read_text(encoding="utf-8") or None
