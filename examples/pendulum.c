@@ -25,7 +25,7 @@ int main(void)
     const eom_tolerance tolerance = { .rtol = 1e-9, .atol = atol, .most = 1000000 };
     eom_progress progress;
     memset(&progress, 0, sizeof progress);
-    const eom_workspace work = { state, input, index };
+    const eom_workspace work = { input, index, state };
     const int reason = eom_integrate_adaptive(&pendulum, h, &drive, NULL, &tolerance, times, 2, 1, &q, &v, q_out, v_out, &progress, NULL, work);
     printf("%d, %lld steps\n", reason, progress.steps);
     for (int k = 0; k < 3; ++k) { printf("t = %.1f s: q = %.9f rad, v = %.9f rad/s\n", times[k], q_out[k], v_out[k]); }

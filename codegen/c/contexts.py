@@ -302,8 +302,13 @@ def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
 def _frame_tables(model: Model) -> dict[str, Any]:
     """Return tables of bodies and axes by which poses and Jacobians of frames are computed."""
     bodies, axes = model.bodies, axes_of(model)
+    ancestors = [set(model.ancestors(body)) for body in frame_bodies(model)]
+    ways = [[x for x in axes if x.body in way] for way in ancestors]
     return {
         "frame_bodies": frame_bodies(model),
+        "full_frames": [
+            int(not model.followers and len(way) == model.size and all(x.is_rotation for x in way)) for way in ways
+        ],
         "body_parents": [body.parent for body in bodies],
         "body_first": [next((s for s, x in enumerate(axes) if x.body == k), 0) for k in range(len(bodies))],
         "body_count": [sum(x.body == k for x in axes) for k in range(len(bodies))],

@@ -18,7 +18,7 @@ from eomgen.runtime.direct import NAME
 from .compile import key_of, link_shared, toolchain
 from .running import Compiler, run_all
 
-FLAGS = ("-O1", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # half of the time of -O2, and calls are as fast
+FLAGS = ("-O2", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")
 FILE, HEADERS = "direct.c", ("direct_types.h", "direct_calls.h", "direct_numbers.h", "direct_data.h")
 
 

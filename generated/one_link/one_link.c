@@ -43,6 +43,7 @@ EOM_LOCAL const EOM_TABLES_OF_FRAMES(5, 4, 1, 3, 1, 2) one_link_frames = {
     .first = { 0, 1, 1, 1 },
     .place = { 1 },
     .body_of = { 0, -1, 0 },
+    .is_full = { 0, 0, 0 },
     .parent = { -1 },
     .first_axis = { 0 },
     .count = { 2 },
@@ -416,10 +417,10 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
         const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out,
         double *restrict v_out)
 {
-    double state[EOM_STATE_ROOM(2, 0, 7, 0, 6, 4, 0)];
+    double state[EOM_STATE_ROOM(2, 0, 7, 0, 6, 4, 0)] EOM_ALIGNED;
     double input[EOM_INPUT_ROOM(2, 1, 0)];
     int index[EOM_INDEX_ROOM(2, 1, 0)];
-    const eom_workspace work = { state, input, index };
+    const eom_workspace work = { input, index, state };
 
     return eom_integrate_fixed(&one_link_robot, h, q, v, drive, NULL, 0.0, dt, steps, every, method, q_out, v_out,
             work);

@@ -42,6 +42,7 @@ EOM_LOCAL const EOM_TABLES_OF_FRAMES(5, 4, 1, 3, 1, 2) one_link_frames = {
     .first = { 0, 1, 1, 1 },
     .place = { 1 },
     .body_of = { 0, -1, 0 },
+    .is_full = { 0, 0, 0 },
     .parent = { -1 },
     .first_axis = { 0 },
     .count = { 2 },
@@ -506,7 +507,7 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
     lanes state[EOM_STATE_ROOM(2, 0, 7, 0, 6, 4, 0)];
     double input[EOM_INPUT_ROOM(2, EOM_LANES, 0)];
     int index[EOM_INDEX_ROOM(2, EOM_LANES, 0)];
-    const eom_workspace_lanes work = { state, input, index };
+    const eom_workspace_lanes work = { input, index, state };
 
     return EOM_WIDE(integrate_fixed_batch)(&one_link_robot_lanes, count, h, q, q_step, v, v_step, drive, dt, steps,
             every, method, q_out, v_out, work);

@@ -63,7 +63,7 @@ int main(int count, char **words)
     double state[EOM_STATE_ROOM(1, 0, 1, 3, 6, 0, 0) + EOM_RADAU_ROOM(1, 0, 3, 5)], input[EOM_INPUT_ROOM(1, 1, 0)], q_out[2], v_out[2];
     int index[EOM_INDEX_ROOM(1, 1, 0)];
     const eom_robot robot = { &sizes, forward_dynamics, NULL, stage_factors, stage_solution, NULL, pair_factors, pair_solution };
-    const eom_workspace work = { state, input, index };
+    const eom_workspace work = { input, index, state };
     const eom_drive drive = { .u = &none };
     const eom_tolerance allowed = { 1e-10, atol, 1000000 };
     eom_progress progress;

@@ -435,8 +435,8 @@ int main(int count, char **words)
         .last = 0.4, .work = &balance, .torque = &track, .control = &control, .given = PRESCRIBED ? &given : NULL, .wrench = &wrench, .wrenches = 1U, .effort = effort,
         .external_force = external_force, .force_h = h, .force_back = force_adjoint, .force_back_h = h, .force_along = force_tangent, .force_along_h = h, .force_by = force_parameter_tangent, .force_by_h = h,
     };
-    const eom_workspace work = { state, input, index }, slope_work = { slope_state, slope_input, NULL };
-    const eom_workspace_lanes work_lanes = { state_lanes, input, index };
+    const eom_workspace work = { input, index, state }, slope_work = { slope_input, NULL, slope_state };
+    const eom_workspace_lanes work_lanes = { input, index, state_lanes };
     if (count < 2) return 1;
     state[ROOM] = input[INPUT] = slope_state[SLOPE_ROOM] = slope_input[SLOPE_INPUT] = 4.0;
     begin();

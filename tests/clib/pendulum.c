@@ -48,7 +48,7 @@ int main(int count, char **words)
     state[sizeof state / sizeof *state - 1] = input[sizeof input / sizeof *input - 1] = 4.0;
     index[sizeof index / sizeof *index - 1] = 4;
     const eom_robot robot = { &sizes, forward_dynamics, implicit_step, stage_factors, stage_solution, NULL, pair_factors, pair_solution };
-    const eom_workspace work = { state, input, index };
+    const eom_workspace work = { input, index, state };
     const eom_drive drive = { .u = &none };
     const int method = (count > 1) ? words[1][0] - '0' : 0;
     for (int k = 0; k < 11; ++k) times[k] = 0.1 * k;

@@ -218,7 +218,7 @@ static double integrate(int method, int loaded, const motion *x, int keeps, moti
     real *const room = malloc(sizeof(real) * (EOM_SENSITIVITY_ROOM(1, 0, NUMBERS, FACTORS, WRENCH, NUMBERS, 0)));
     double *const input = malloc(sizeof(double) * EOM_SENSITIVITY_INPUT_ROOM(1));
     real *const kept = malloc(sizeof(real) * STEPS * (size_t)EOM_KEPT_NUMBERS(1, 0, method) + 1U);
-    const E(workspace) work = { room, input, NULL };
+    const E(workspace) work = { input, NULL, room };
     const eom_spline signal = { knots, x->torque, NULL, PIECES, DEGREE, 1 };
     const double never[2] = { 0.0, 0.4 };
     const eom_spline constant = { never, pull, NULL, 1, 0, 6 };

@@ -60,7 +60,7 @@ int main(int count, char **words)
     const eom_drive drive = { .u = none };
     double state[ROOM + 1], input[EOM_INPUT_ROOM(N, 1, 0) + 1], q_out[2 * N], v_out[2 * N];
     int index[EOM_INDEX_ROOM(N, 1, 0) + 1];
-    const eom_workspace work = { state, input, index };
+    const eom_workspace work = { input, index, state };
     if (count < 3) { return 1; }
     const size_t steps = (size_t)atoi(words[2]);
     state[ROOM] = input[EOM_INPUT_ROOM(N, 1, 0)] = 4.0;

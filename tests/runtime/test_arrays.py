@@ -516,9 +516,9 @@ def test_frames_blocks_and_derivatives(kernel: eomgen.Kernel) -> None:
     flat = QS.reshape(6, 2)
     assert np.array_equal(kernel.frame_pose(QS, "tcp").reshape(6, 4, 4), kernel.frame_pose(flat, "tcp"))
     assert kernel.frame_jacobian(QS, "tcp").shape == (2, 3, 6, 2)
-    for block in kernel.residual_jacobian(QS, VS, AS, US):
+    for block in kernel.residual_jacobian(QS, VS, AS):
         assert block.shape == (2, 3, 2, 2)
-    assert kernel.residual_jacobian(QS[0, 0], VS[0, 0], AS[0, 0], US)[0].shape == (2, 3, 2, 2)
+    assert kernel.residual_jacobian(QS[0, 0], VS[0, 0], AS)[0].shape == (2, 3, 2, 2)
     assert kernel.forward_dynamics_jacobian(QS, VS[0], US[0, 0])[2].shape == (2, 3, 2, 2)
     names = ("joint1", "joint1")
     assert np.array_equal(kernel.blocks(QS).mass[names].reshape(6, 2, 2), kernel.blocks(flat).mass[names])

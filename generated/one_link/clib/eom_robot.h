@@ -84,11 +84,12 @@ typedef struct {
     int method; /* EOM_EXPLICIT, EOM_IMPLICIT_EULER or EOM_ROSENBROCK, + EOM_KINDS times its number there */
 } EOM(step_sequence);
 
-/* Room for numbers: scalars for one state, or lanes for several; doubles; and integers. */
+/* Room for doubles, integers, and scalars for one state or lanes for several.  What changes on the way is last: a load
+ * of the first two at once would wait for it. */
 typedef struct {
-    EOM_SCALAR *state; /* EOM_STATE_ROOM */
     double *input;     /* EOM_INPUT_ROOM */
     int *index;        /* EOM_INDEX_ROOM */
+    EOM_SCALAR *state; /* EOM_STATE_ROOM */
 } EOM(workspace);
 
 #ifdef __cplusplus

@@ -159,8 +159,10 @@ EOM_LOCAL int EOM_F(implicit_euler_step)(const EOM_F(problem) *restrict problem,
 #endif
     const int status = motion->robot->implicit_step(motion->h, q, v, u, added, times, a);
     if (status != 0) { return status; }
-    for (int i = 0; i < nv; ++i) { v[i] += dt * a[i]; }
-    for (int i = 0; i < nq; ++i) { q[i] += dt * v[i]; }
+    for (int i = 0; i < nv; ++i) {
+        v[i] += dt * a[i];
+        if (i < nq) { q[i] += dt * v[i]; }
+    }
     return 0;
 }
 

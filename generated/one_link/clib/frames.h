@@ -13,6 +13,7 @@
         int first[runs];       /* angle of each run */ \
         int place[places];     /* of each angle */ \
         int body_of[frames];   /* of each frame, or -1: the base */ \
+        int is_full[frames];   /* 1: its Jacobian has no zeros */ \
         int parent[bodies];    /* of each body, or -1 */ \
         int first_axis[bodies]; \
         int count[bodies];     /* axes of each body */ \

@@ -170,7 +170,7 @@ class CompiledKernel:
     def _with_calls(self, calls: Calls) -> Self:
         """Return the same code with other calls, and their parameters."""
         other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
+        other.__dict__.update(self.__dict__)
         other._take_calls(calls)
         return other
 
@@ -248,13 +248,12 @@ class CompiledKernel:
 
     @property
     def checks(self) -> bool:
-        """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
+        """True, as at first, if arrays and results with NaN or infinity are refused by the name of the coordinate.
 
-        That holds for results, too, where finite numbers lead beyond what the dtype holds.  With False such numbers
-        go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs
-        less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
-        integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
-        still named.  ``replaced`` copies the choice.
+        With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
+        compares them; a call costs less (``eomgen bench``).  Shapes and dtypes are checked all the same, integrators
+        look for such numbers in any case, and one by which a mass matrix cannot be inverted is named.  ``replaced``
+        copies the choice.
 
         Raises:
             InputError: on assignment of anything but True or False.

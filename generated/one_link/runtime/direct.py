@@ -150,8 +150,8 @@ class BoundFunctions:
         if not isinstance(parameters.state, module.State):
             parameters.state = parameters.state.moved_to(module.State)
         self.is_direct = True
-        for name in self.calls.raw.functions:
-            vars(self).pop(name, None)
+        for name in vars(self).keys() & self.calls.raw.functions.keys():
+            delattr(self, name)
 
 
 class ExtensionBinding:

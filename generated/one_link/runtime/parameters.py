@@ -129,9 +129,8 @@ class Parameters(MutableMapping[str, float]):
         The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
         where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
         inverse_dynamics, mass_matrix, residual_jacobian and external_force; with loops not for inverse_dynamics, but
-        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  All else
-        stays as it is described.  It is for integrations, which choose by ``RawKernel.turning``; ``rollout`` does it
-        by itself.
+        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  It is for
+        integrations, which choose by ``RawKernel.turning``; ``rollout`` does it by itself.
 
         Raises:
             UnknownNameError: a joint without 3-DOF rotation.

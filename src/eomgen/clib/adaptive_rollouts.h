@@ -263,6 +263,13 @@ EOM_LOCAL void EOM_F(record_step)(EOM_F(integration) *restrict it, int l, double
     record->count += 1U;
 }
 
+/* y = x, of a lane. */
+EOM_INLINE void EOM_F(copy_lane)(int n, int l, const EOM_REAL *restrict x, EOM_REAL *restrict y)
+{
+    (void)l; /* of one state there is one lane */
+    for (int i = 0; i < n; ++i) { EOM_LANE_OF(y[i], l) = EOM_LANE_OF(x[i], l); }
+}
+
 /* Go on from the end of a lane's step. */
 EOM_LOCAL void EOM_F(accept_step)(EOM_F(integration) *restrict it, int l, int inside, EOM_F(workspace) work)
 {
@@ -288,11 +295,10 @@ EOM_LOCAL void EOM_F(accept_step)(EOM_F(integration) *restrict it, int l, int in
     const double share = EOM_F(store_samples)(it, l, began, doubtful, works_began, work);
     if ((doubtful != 0) && (share < 1.0)) { EOM_F(integrate_works)(&it->problem, l, it->method, share, 1.0, rtol, &it->step, p->work, work); }
     if ((closed == 0) && (it->halts[l] != 0)) { EOM_F(put_prescribed)(&it->problem, l, eom_instant_of(p->t), it->step.x_end, work.input); }
-    for (int i = 0; i < nq + nv; ++i) { EOM_LANE_OF(it->step.x[i], l) = EOM_LANE_OF(it->step.x_end[i], l); }
-    for (int i = 0; i < nv; ++i) {
-        EOM_LANE_OF(it->step.dx[(i < nq) ? i : (nv + i)], l) = EOM_LANE_OF(it->step.x_end[nq + i], l); /* prescribed motions are in it */
-        EOM_LANE_OF(it->step.dx[nq + i], l) = EOM_LANE_OF(it->step.dx_end[nq + i], l);
-    }
+    EOM_F(copy_lane)(nq + nv, l, it->step.x_end, it->step.x);
+    EOM_F(copy_lane)(nq, l, &it->step.x_end[nq], it->step.dx); /* prescribed motions are in it */
+    EOM_F(copy_lane)(nv - nq, l, &it->step.x_end[2 * nq], &it->step.dx[nq + nv]);
+    EOM_F(copy_lane)(nv, l, &it->step.dx_end[nq], &it->step.dx[nq]);
     for (int w = 0; (it->works != 0) && (closed == 0) && (w < EOM_WORKS); ++w) { power[w * (int)EOM_WIDTH + l] = power[(control->stages * EOM_WORKS + w) * (int)EOM_WIDTH + l]; }
 }
 

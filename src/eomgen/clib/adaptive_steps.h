@@ -154,7 +154,7 @@ EOM_LOCAL void EOM_F(rate)(const EOM_F(problem) *restrict problem, double share,
 
 /* Take one stage of a Rosenbrock method, a linear system with the step's matrix, from the rate dx there; increments:
  * (stages, 2 nv). */
-EOM_INLINE void EOM_F(rosenbrock_stage)(const EOM_F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, int stage, const EOM_REAL *restrict factors, EOM_REAL time, EOM_REAL inverse, const EOM_REAL *restrict dx, EOM_REAL *restrict increments, EOM_REAL *restrict right, EOM_REAL *restrict w)
+EOM_IN_PLACE void EOM_F(rosenbrock_stage)(const EOM_F(problem) *restrict problem, const EOM(rosenbrock_method) *restrict method, int stage, const EOM_REAL *restrict factors, EOM_REAL time, EOM_REAL inverse, const EOM_REAL *restrict dx, EOM_REAL *restrict increments, EOM_REAL *restrict right, EOM_REAL *restrict w)
 {
     const int nq = EOM_POSITIONS_OF(problem->motion.robot->sizes);
     const int nv = EOM_RATES_OF(problem->motion.robot->sizes);

@@ -168,8 +168,8 @@ typedef struct {
 #define EOM_INDEX_ROOM(n, lanes, rotations) (2 * (n) + ((lanes) + 1) * (rotations))
 
 /* Methods of steps that are differentiated: their kind + EOM_KINDS times their number in it (of explicit ones 0 is the
- * classical Runge-Kutta method, 1 Tsitouras'); how many numbers are kept of a step; and sizes of a workspace for them,
- * of scalars and of doubles; it takes no integers. */
+ * classical Runge-Kutta method, 1 Tsitouras'); numbers that are kept of a step; sizes of a workspace for them, of
+ * scalars and of doubles. */
 enum { EOM_EXPLICIT, EOM_IMPLICIT_EULER, EOM_ROSENBROCK, EOM_KINDS };
 #define EOM_KEPT_NUMBERS(n, m, method) \
     ((n) * (((method) % EOM_KINDS == EOM_ROSENBROCK) ? (((m) > 0) ? 36 : 12) \
@@ -178,7 +178,7 @@ enum { EOM_EXPLICIT, EOM_IMPLICIT_EULER, EOM_ROSENBROCK, EOM_KINDS };
     (147 * (n) + 4 * (m) + (hoisted) + 3 * (factors) + 2 * (wrench) + 5 * (parameters) + 2 * (poses))
 #define EOM_SENSITIVITY_INPUT_ROOM(n) (24 * (n))
 
-/* More of it, of scalars or lanes, for Radau IIA (method 2), and what that keeps of a state between calls. */
+/* More scalars or lanes for Radau IIA (method 2), and what that keeps of a state between calls. */
 #define EOM_KEPT_ROOM(n) (14 * (n) + 6)
 #define EOM_RADAU_ROOM(n, m, factors, pair_factors) (62 * (n) + 15 * (m) + (factors) + 2 * (pair_factors) + 96)
 

@@ -49,10 +49,16 @@ EOM_LOCAL void EOM_F(add_inputs)(const EOM_F(problem) *restrict problem, double 
     const int nq = EOM_POSITIONS_OF(sizes);
     const int nv = EOM_RATES_OF(sizes);
     const int nu = EOM_INPUTS_OF(sizes);
+#if defined(EOM_LANES_HERE) || defined(EOM_SINGLE)
     double *const position = work.input;
     double *const rate = &position[EOM_WIDTH * nq];
     double *const u = &rate[EOM_WIDTH * nv];
-    double *const prescribed = &u[EOM_WIDTH * nu];
+#else
+    double *const position = q;
+    double *const rate = v;
+    double *const u = force;
+#endif
+    double *const prescribed = &work.input[EOM_WIDTH * (nq + nv + nu)];
     double *const asked = &prescribed[EOM_WIDTH * nu];
     double *const answer = &asked[3 * EOM_WIDTH * nu];
     double *const inside = &answer[EOM_WIDTH * nu];
@@ -61,11 +67,12 @@ EOM_LOCAL void EOM_F(add_inputs)(const EOM_F(problem) *restrict problem, double 
     EOM_SCALAR *const scratch = (EOM_SCALAR *)(void *)work.state;
     eom_instant t[EOM_WIDTH];
     int moved = 0;
+    (void)moved; /* one state in double precision is changed where it is */
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
     eom_scatter(q, NULL, (size_t)clock->here, 0, nq, (size_t)nq, position);
     eom_scatter(v, NULL, (size_t)clock->here, 0, nv, (size_t)nv, rate);
     eom_scatter(force, NULL, (size_t)clock->here, 0, nu, (size_t)nu, u);
-#else
+#elif defined(EOM_SINGLE)
     for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < nq; ++i) { position[l * nq + i] = (double)EOM_LANE_OF(q[i], l); }
         for (int i = 0; i < nv; ++i) { rate[l * nv + i] = (double)EOM_LANE_OF(v[i], l); }
@@ -101,7 +108,7 @@ EOM_LOCAL void EOM_F(add_inputs)(const EOM_F(problem) *restrict problem, double 
         eom_gather(position, (size_t)nq, (size_t)clock->here, 0, nq, q);
         eom_gather(rate, (size_t)nv, (size_t)clock->here, 0, nv, v);
     }
-#else
+#elif defined(EOM_SINGLE)
     for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < nu; ++i) { EOM_LANE_OF(force[i], l) = (EOM_SCALAR)u[l * nu + i]; }
         for (int i = 0; (moved != 0) && (i < nq); ++i) { EOM_LANE_OF(q[i], l) = (EOM_SCALAR)position[l * nq + i]; }

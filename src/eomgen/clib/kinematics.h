@@ -71,7 +71,7 @@ EOM_IN_PLACE void EOM_F(frame_jacobian)(int frame, const EOM_REAL *restrict pose
         const EOM_REAL *restrict axes, EOM_REAL *restrict out)
 {
     const int n = EOM_FRAMES.n;
-    for (int i = 0; i < 6 * n; ++i) { out[i] = EOM_WHOLE(EOM_C(0.0)); }
+    for (int i = 0; (EOM_FRAMES.is_full[frame] == 0) && (i < 6 * n); ++i) { out[i] = EOM_WHOLE(EOM_C(0.0)); }
     for (int body = EOM_FRAMES.body_of[frame]; body >= 0; body = EOM_FRAMES.parent[body]) {
         const EOM_REAL *const origin = &origins[3 * body];
         const EOM_REAL arm[3] = { pose[3] - origin[0], pose[7] - origin[1], pose[11] - origin[2] };

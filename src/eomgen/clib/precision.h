@@ -1,6 +1,5 @@
-/* precision.h: names and numbers of one precision: of double precision, or with EOM_SINGLE of single precision; and
- * sizes, of the robot, or with EOM_POSITIONS, EOM_RATES, EOM_INPUTS, EOM_M and EOM_ROTATIONS known when this is
- * compiled; and a check of numbers. */
+/* precision.h: names and numbers of double precision, or with EOM_SINGLE of single precision; sizes, of the robot, or
+ * where EOM_POSITIONS, EOM_RATES, EOM_INPUTS, EOM_M and EOM_ROTATIONS are known, constants; a check of numbers. */
 #ifndef EOM_PRECISION_H
 #define EOM_PRECISION_H
 #if defined(EOM_SINGLE)
@@ -15,7 +14,7 @@
 #define EOM_SCALAR double
 #define EOM_MATH(function) function
 #define EOM_ROUND_OFF 2.220446049250313e-16
-#define EOM_VANISHED 1e-12 /* of its scale: a pivot that is no larger has vanished */
+#define EOM_VANISHED 1e-12 /* of its scale: pivots that vanish */
 #define EOM_C(x) x
 #endif
 
@@ -36,7 +35,7 @@
 #define EOM_PADDED_TO_BLOCKS(n) (((n) + EOM_BLOCK - 1) / EOM_BLOCK * EOM_BLOCK)
 
 #if defined(EOM_RADAU) || !defined(EOM_RATES)
-#define EOM_HAS_RADAU /* a robot's file says whether it has the equations that the method asks for */
+#define EOM_HAS_RADAU /* a robot's file says whether it has its equations */
 #endif
 #if defined(EOM_DERIVATIVES) || !defined(EOM_RATES)
 #define EOM_HAS_DERIVATIVES
@@ -44,26 +43,24 @@
 
 #if defined(__GNUC__)
 #define EOM_LOCAL static __attribute__((unused))
-#define EOM_PART static __attribute__((noinline)) /* of a function that is too long for compilers */
+#define EOM_PART static __attribute__((noinline)) /* of a long function */
+#define EOM_INLINE static inline __attribute__((unused))
+#define EOM_IN_PLACE static inline __attribute__((unused, always_inline)) /* where sizes are constants */
+#define EOM_PRAGMA(words) _Pragma(#words)
+#define EOM_UNROLL(times) EOM_PRAGMA(GCC unroll times)
+#define EOM_ALIGNED __attribute__((aligned(64))) /* no vector crosses a line of the cache */
 #else
 #define EOM_LOCAL static
 #define EOM_PART static
+#define EOM_INLINE static
+#define EOM_IN_PLACE static
+#define EOM_UNROLL(times)
+#define EOM_ALIGNED
 #endif
 #if defined(EOM_RATES)
 #define EOM_PUBLIC EOM_LOCAL
 #else
 #define EOM_PUBLIC
-#endif
-
-#if defined(__GNUC__)
-#define EOM_INLINE static inline __attribute__((unused))
-#define EOM_IN_PLACE static inline __attribute__((unused, always_inline)) /* where sizes are constants */
-#define EOM_PRAGMA(words) _Pragma(#words)
-#define EOM_UNROLL(times) EOM_PRAGMA(GCC unroll times)
-#else
-#define EOM_INLINE static
-#define EOM_IN_PLACE static
-#define EOM_UNROLL(times)
 #endif
 
 #define EOM_LOOK 2000        /* steps and rejections between two looks at whether they lead anywhere */

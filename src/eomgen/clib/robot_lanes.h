@@ -14,9 +14,9 @@ typedef struct {
 
 /* Room for numbers of all lanes. */
 typedef struct {
-    lanes *state;
     double *input;
     int *index;
+    lanes *state;
 } EOM(workspace_lanes);
 
 #if !defined(EOM_RATES)

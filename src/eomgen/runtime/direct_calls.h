@@ -190,7 +190,7 @@ static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t c
                           PyObject **arguments)
 {
     if (count > f->positional) return -1;
-    for (Py_ssize_t i = 0; i < count; ++i) arguments[i] = args[i];
+    for (Py_ssize_t i = 0; i < f->places; ++i) arguments[i] = i < count ? args[i] : NULL;
     const Py_ssize_t named = names == NULL ? 0 : PyTuple_GET_SIZE(names);
     for (Py_ssize_t k = 0; k < named; ++k) {
         int place = 0;
@@ -203,9 +203,6 @@ static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t c
 
 /* A plain call: its arguments as the code takes them. */
 typedef struct {
-    const void *x[ARRAYS]; /* the arrays that the code reads */
-    npy_intp sizes[ARRAYS];
-    size_t steps[ARRAYS]; /* numbers between two states */
     int frame;
     npy_intp states; /* 0 for one alone */
     PyArrayObject *out;
@@ -213,7 +210,10 @@ typedef struct {
     npy_intp wrench_size;
     size_t wrench_step;
     npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
-    Code *codes[KINDS];      /* that it calls; NULL for none */
+    Code *codes[KINDS];     /* that it calls; NULL for none */
+    const void *x[ARRAYS];  /* the arrays that the code reads, from here on set as they are found */
+    npy_intp sizes[ARRAYS];
+    size_t steps[ARRAYS]; /* numbers between two states */
 } Plain;
 
 /* Find the codes that a call needs; 0 where all are armed. */
@@ -264,7 +264,10 @@ static int look(Function *f, const State *state, PyObject *const *arguments, Pla
             if (value != NULL && value != Py_False && (f->cut_must_be_false || value != Py_True)) return -1;
         } else if (place->role == ZEROS) {
             if (value != NULL) return -1;
-            call->x[place->array] = f->zeros;
+            const int to = place->array;
+            call->x[to] = f->zeros;
+            call->sizes[to] = 0;
+            call->steps[to] = 0;
         } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
@@ -429,9 +432,10 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
 static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
                           Code **codes)
 {
-    PyObject *arguments[PLACES] = {NULL};
-    Plain call = {.states = 0};
+    PyObject *arguments[PLACES];
+    Plain call;
     Beside beside;
+    memset(&call, 0, offsetof(Plain, x));
     const int is_plain = sort_arguments(f, args, count, names, arguments) == 0 && look(f, state, arguments, &call) == 0;
     memcpy(codes, call.codes, sizeof call.codes);
     const int needs_room = call.wrench != NULL || f->returned.size < f->result.size;

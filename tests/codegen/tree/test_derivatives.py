@@ -140,7 +140,7 @@ def test_refusals(built: Build) -> None:
     robot = random_robot(976, joints=(1, 1), types=("free",), armature=False)
     kernel, s = built(robot, "euler_cosines", *JACOBIANS), random_state(robot, 1)
     refused(UnknownNameError, "mass_matrix", kernel.mass_matrix, s.q)
-    refused(ArrayError, "u: expected", kernel.residual_jacobian, s.q, s.v, s.a, s.u[1:])
+    refused(ArrayError, "a: expected", kernel.residual_jacobian, s.q, s.v, s.a[1:])
     q = s.q.copy()
     q[kernel.coordinates.index("joint1.beta")] = np.pi / 2
     refused(SingularError, r"forward_dynamics_jacobian.*joint1\.beta", kernel.forward_dynamics_jacobian, q, s.v, s.u)

@@ -14,6 +14,7 @@ from ...errors import InputError, UnknownNameError
 from ...names import nearest_or_all, show
 from ...runtime.bound import frame_number
 from ...runtime.calls import Calls
+from ...runtime.direct import BoundFunctions
 from ...runtime.raw import Array, Method, name_of
 from ..declared_methods import kernel_method
 from ..functions import KernelWithMethods
@@ -31,40 +32,46 @@ class Differentiated:
     """A function of a kernel with its derivatives.
 
     Attributes:
-        calls: of the kernel.
+        bound: functions of the kernel.
         name: the function's.
         reads: names of the arrays that its C reads; ``arguments`` are those of the method.
         writes: name of what its derivatives take it to write; for a function of a frame that is of all frames.
         closes: whether it refuses states in which loops are open.
     """
 
-    calls: Calls
+    bound: BoundFunctions
     name: str
     reads: tuple[str, ...]
     writes: str
     closes: bool
 
     @classmethod
-    def of(cls, calls: Calls, name: str) -> Differentiated:
+    def of(cls, bound: BoundFunctions, name: str) -> Differentiated:
         """Return the function of that name.
 
         Raises:
             UnknownNameError: the kernel was built without its derivatives.
         """
-        known = calls.raw.functions
+        raw = bound.calls.raw
+        known = raw.functions
         kinds = [kind for kind in KINDS if f"{name}_{kind}" in known]
         if not kinds:
             ends = [(x, kind) for x in known for kind in reversed(KINDS) if x.endswith(f"_{kind}")]
             available = sorted({x.removesuffix(f"_{kind}").removesuffix("_parameter") for x, kind in ends})
             raise UnknownNameError(
-                f"{calls.raw.name} was built without derivatives of {show(name)}{nearest_or_all(str(name), available)}"
+                f"{raw.name} was built without derivatives of {show(name)}{nearest_or_all(str(name), available)}"
             )
         function = known[f"{name}_{kinds[0]}"]
         if not kinds[0].endswith(TANGENT):
             *reads, weights = function.reads
-            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), function.closes)
+            return cls(bound, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), function.closes)
         arrays = len(function.reads) // 2 if kinds[0] == TANGENT else len(function.reads) - 1
-        return cls(calls, name, function.reads[:arrays], function.writes, function.closes)
+        return cls(bound, name, function.reads[:arrays], function.writes, function.closes)
+
+    @property
+    def calls(self) -> Calls:
+        """Calls of the kernel."""
+        return self.bound.calls
 
     @property
     def is_framed(self) -> bool:
@@ -119,7 +126,9 @@ class Differentiated:
         """
         if f"{self.name}_{kind}" not in self.calls.raw.functions:
             raise self.calls.raw.missing(f"{self.name}_{kind}")
-        return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
+        if inner:
+            return self.calls.run(f"{self.name}_{kind}", None, arrays, inner=inner)
+        return self.bound[f"{self.name}_{kind}"](*arrays)
 
     def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
         """Return weights of the results in the layout that derivatives read.
@@ -183,31 +192,20 @@ def _number(values: Any) -> str:
 class Differentiation(KernelWithMethods):
     """Jacobians, products with them, and second derivatives; exact."""
 
-    def residual_jacobian(
-        self,
-        q: ArrayLike,
-        v: ArrayLike,
-        a: ArrayLike,
-        u: ArrayLike | None = None,
-        *,
-        out: Array | None = None,
-        z: ArrayLike | None = None,
+    @kernel_method()
+    def residual_jacobian(  # type: ignore[empty-body]
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, z: ArrayLike | None = None, *, out: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
 
         Row i belongs to the residual's coordinate i, column j to the coordinate that changes.  Without external
-        wrenches.  The residual is linear in the drives with -1, so that ``u`` changes nothing; it may be left out.
+        wrenches.  By drives the derivative is -1.
 
         Args:
-            q, v, a, u: (n,).
-            out: array (3, n, n) to write to; the result are views of it.
+            q, v, a: (n,).
             z: internal states, (m,).
+            out: array (3, n, n) to write to; the result are views of it.
         """
-        lead = () if u is None else self.calls.array("u", u, (self.n,))[1]
-        if not lead or lead == np.shape(q)[:-1]:
-            by_q, by_v, by_a = self._bound.residual_jacobian(q, v, a, z, out)
-            return by_q, by_v, by_a
-        return _three(*np.moveaxis(self.calls.run(self.residual_jacobian, out, (q, v, a), lead=lead, z=z), -3, 0))
 
     @kernel_method()
     def forward_dynamics_jacobian(  # type: ignore[empty-body]
@@ -356,8 +354,4 @@ class Differentiation(KernelWithMethods):
         return np.moveaxis(columns, len(lead), -1)
 
     def _differentiated(self, name: Method) -> Differentiated:
-        return Differentiated.of(self.calls, name_of(name))
-
-
-def _three(first: Array, second: Array, third: Array) -> tuple[Array, Array, Array]:
-    return first, second, third
+        return Differentiated.of(self._bound, name_of(name))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -119,17 +118,13 @@ class Rollouts(KernelWithMethods):
                 was stored.
             InputError: another argument is wrong, or does not belong to the method.
         """
-        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        control = Control(kp, kd, target, efforts_of(self.calls, saturate))
+        inputs = joined_inputs(self.calls, z, Inputs(q0, v0, u, control))
         options = InputStepOptions(
             method_for(method, duration), dt, steps, every, duration, samples, rtol, atol, loads, works
         )
         take = adaptive_rollout if options.is_adaptive else rollout
         return taken_apart(self.calls, lambda: take(self.calls, inputs, options))
-
-    def _inputs(self, z: ArrayLike | None, inputs: Inputs, saturate: Saturate) -> Inputs:
-        """Return inputs in the arrays of the C, with efforts."""
-        effort = efforts_of(self.calls, saturate)
-        return joined_inputs(self.calls, z, replace(inputs, control=replace(inputs.control, effort=effort)))
 
     def rollout_gradient(  # noqa: PLR0913
         self,
@@ -188,7 +183,8 @@ class Rollouts(KernelWithMethods):
                 that derivatives of tsit5's steps are not those of the motion.
             SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
-        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        control = Control(kp, kd, target, efforts_of(self.calls, saturate))
+        inputs = joined_inputs(self.calls, z, Inputs(q0, v0, u, control))
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         more: dict[str, Any] = {"parameters": parameters, "loads": loads, "out": out}
         if not self.internal_states:
@@ -248,7 +244,8 @@ class Rollouts(KernelWithMethods):
             InputError: as of ``rollout``; no direction; joints with 3-DOF rotation; a robot that is too stiff.
             SingularError, IntegrationStopped: as of ``rollout``.
         """
-        inputs = self._inputs(z, Inputs(q0, v0, u, Control(kp, kd, target)), saturate)
+        control = Control(kp, kd, target, efforts_of(self.calls, saturate))
+        inputs = joined_inputs(self.calls, z, Inputs(q0, v0, u, control))
         options = StepOptions(method_for(method, duration), dt, steps, every, duration, samples, rtol, atol)
         if self.internal_states:
             _refuse_out(out)
