@@ -66,8 +66,6 @@ EOM_LOCAL void EOM_F(add_inputs)(const EOM_F(problem) *restrict problem, double 
     double *const rest = &pushed[nq];
     EOM_SCALAR *const scratch = (EOM_SCALAR *)(void *)work.state;
     eom_instant t[EOM_WIDTH];
-    int moved = 0;
-    (void)moved; /* one state in double precision is changed where it is */
 #if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
     eom_scatter(q, NULL, (size_t)clock->here, 0, nq, (size_t)nq, position);
     eom_scatter(v, NULL, (size_t)clock->here, 0, nv, (size_t)nv, rate);
@@ -100,20 +98,25 @@ EOM_LOCAL void EOM_F(add_inputs)(const EOM_F(problem) *restrict problem, double 
             }
             if (inputs->wrenches > 0U) { eom_add_forces(sizes, pushed, &u[l * nu]); }
         }
-        if (inputs->given != NULL) { moved = 1; }
     }
-#if defined(EOM_LANES_HERE) && !defined(EOM_SINGLE)
+#if defined(EOM_LANES_HERE) || defined(EOM_SINGLE) /* one state in double precision is changed where it is */
+    int moved = 0;
+    for (int l = 0; l < clock->here; ++l) {
+        if (clock->inputs[l]->given != NULL) { moved = 1; }
+    }
+#if !defined(EOM_SINGLE)
     eom_gather(u, (size_t)nu, (size_t)clock->here, 0, nu, force);
     if (moved != 0) {
         eom_gather(position, (size_t)nq, (size_t)clock->here, 0, nq, q);
         eom_gather(rate, (size_t)nv, (size_t)clock->here, 0, nv, v);
     }
-#elif defined(EOM_SINGLE)
+#else
     for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < nu; ++i) { EOM_LANE_OF(force[i], l) = (EOM_SCALAR)u[l * nu + i]; }
         for (int i = 0; (moved != 0) && (i < nq); ++i) { EOM_LANE_OF(q[i], l) = (EOM_SCALAR)position[l * nq + i]; }
         for (int i = 0; (moved != 0) && (i < nv); ++i) { EOM_LANE_OF(v[i], l) = (EOM_SCALAR)rate[l * nv + i]; }
     }
+#endif
 #endif
 }
 
